@@ -5,6 +5,8 @@
 
 import re
 from collections.abc import Mapping
+from functools import cache
+from math import prod
 from os import environ
 from typing import Any
 
@@ -28,20 +30,43 @@ def padded(module: Any, fields: Mapping[str, Array | float]) -> dict[str, tuple[
 
     The numbers have the size that the module has for them; zeros fill them up.
     """
-    found = {}
-    for name, dimensions in module.FIELDS.items():
-        shape = [getattr(module, letter) for letter in re.findall(r'\[CA_([MN])\]', dimensions)]
-        numbers = np.zeros(shape)
+    numbers = _filled(module, fields)
+    return {
+        name: ('ca_real', dimensions, numbers[first : first + prod(shape)].reshape(shape))
+        for name, (dimensions, shape, first) in _layout(module).items()
+    }
+
+
+def _filled(module: Any, fields: Mapping[str, Array | float]) -> Array:
+    """Return the numbers of `ca_vectored`, one field after the other."""
+    layout = _layout(module)
+    _, shape, first = layout[[*layout][-1]]
+    numbers = np.zeros(first + prod(shape))
+    for name, (_, shape, first) in layout.items():
         given = np.asarray(fields[name], float)
-        numbers[tuple(slice(size) for size in given.shape)] = given
-        found[name] = 'ca_real', dimensions, numbers
+        if given.ndim < 2:
+            numbers[first : first + given.size] = given
+        else:
+            place = numbers[first : first + prod(shape)].reshape(shape)
+            place[tuple(slice(size) for size in given.shape)] = given
+    return numbers
+
+
+@cache
+def _layout(module: Any) -> dict[str, tuple[str, list[int], int]]:
+    """Return the dimensions of the fields of a module, in C and as a shape, and their places."""
+    found, first = {}, 0
+    for name, dimensions in module.FIELDS.items():
+        letters = re.findall(r'\[CA_([MN])\]', dimensions)
+        shape = [getattr(module, letter) for letter in letters]
+        found[name] = dimensions, shape, first
+        first += prod(shape)
     return found
 
 
 def made(module: Any, fields: Mapping[str, Array | float]) -> Any:
     """Return a `Vectored` of an extension module."""
-    parts = [numbers.ravel() for _, _, numbers in padded(module, fields).values()]
-    return module.Vectored(np.concatenate(parts))
+    return module.Vectored(_filled(module, fields))
 
 
 def fields_of(newton: SetsNewton, **policy: Array | float) -> dict[str, Array | float]:

@@ -85,6 +85,10 @@ def independent_part(problem: VehicleProblem) -> VehicleProblem:
 
 def hovering_part(problem: VehicleProblem) -> VehicleProblem:
     """Return the problem without axes that prevent hover; unchanged if no choice allows hover."""
+    lifts = 'thrust' not in problem.axes or problem.hovers or problem.with_axes(['thrust']).hovers
+    if not lifts:
+        # No choice of axes lifts what the thrust alone does not.
+        return problem
     part = _give_up(problem, lambda part: part.hovers)
     return part if part.hovers else problem
 
@@ -92,16 +96,18 @@ def hovering_part(problem: VehicleProblem) -> VehicleProblem:
 def _give_up(problem: VehicleProblem, good: Callable[[VehicleProblem], bool]) -> VehicleProblem:
     """Remove axes until the problem is good; prefer an axis whose removal suffices."""
     while not good(problem):
-        candidates = [_without(problem, axis) for axis in EXPENDABLE if axis in problem.axes]
+        candidates = [axis for axis in EXPENDABLE if axis in problem.axes]
         if not candidates or len(problem.axes) == 1:
             break
-        problem = next(filter(good, candidates), candidates[0])
+        parts = [_without(problem, candidates[0])]
+        while not good(parts[-1]) and len(parts) < len(candidates):
+            parts.append(_without(problem, candidates[len(parts)]))
+        problem = parts[-1] if good(parts[-1]) else parts[0]
     return problem
 
 
 def _without(problem: VehicleProblem, lost: str) -> VehicleProblem:
-    axes = tuple(axis for axis in problem.axes if axis != lost)
-    return VehicleProblem(replace(problem.vehicle, axes=axes))
+    return problem.with_axes([axis for axis in problem.axes if axis != lost])
 
 
 def spin_torque(full: VehicleProblem, controllable: VehicleProblem) -> float:

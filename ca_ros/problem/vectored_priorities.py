@@ -67,9 +67,12 @@ class VectoredPrioritization:
         share = min(1.0, INSIDE * reached)
         self.begin = wanted if share > 1.0 - 1e-9 else middle + share * (wanted - middle)
         self.senses: list[int] = []
-        off = np.abs(self._serve(self.reference).wrench - self.reference) / problem.extent
+        served = problem.gamma @ self._answer(self.reference)[0]
+        off = np.abs(served - self.reference) / problem.extent
         keeps = [problem.axes.index(axis) for axis in sensed(named, thrust_deviation)]
         self.senses = [row for row in keeps if off[row] <= 10.0 * YIELD]
+        # That above was without senses.
+        vars(self).pop('_kernel', None)
 
     def __call__(self, u: Array) -> Served:
         """Return the served wrenches for demands (..., m) [N, N m]."""
@@ -92,14 +95,13 @@ class VectoredPrioritization:
     def moved(self, u: Array, sets: ConvexSets) -> Array:
         """Return the wrench (m,) that is served for u (m,) with other sets, such as wider ones."""
         other = copy(self)
-        for name in ('fields', '_kernel'):
-            vars(other).pop(name, None)
+        vars(other).pop('_kernel', None)
         other.problem = self.problem.with_other_sets(sets)
         given = self.solver.weights, self.solver.preferred
         other.solver = sets_newton(self.problem.gamma, sets, *given)
         return np.asarray(self.problem.gamma @ other._answer(u)[0], float)
 
-    @cached_property
+    @property
     def fields(self) -> dict[str, Array]:
         """The fields of the priorities in ``ca_vectored`` in C."""
         problem, m = self.problem, len(self.problem.axes)

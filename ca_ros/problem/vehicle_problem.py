@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from math import atan2, cos, hypot, pi, sin
 
@@ -48,6 +49,10 @@ class VehicleProblem(AllocationProblem):
         """Return the wrench (m,) of hover [N, N m]."""
         return np.array([self.vehicle.weight * (axis == 'thrust') for axis in self.axes])
 
+    def with_axes(self, axes: Sequence[str]) -> VehicleProblem:
+        """Return the problem of the same vehicle with other axes."""
+        return VehicleProblem(replace(self.vehicle, axes=tuple(axes)))
+
     @property
     def hover(self) -> Array:
         """The wrench (m,) that carries the vehicle's weight, without torque [N, N m]."""
@@ -83,11 +88,12 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
     near: Array | None = None
 
     def __init__(
-        self, vehicle: Vehicle, windows: Sequence[tuple[ConvexSet, Array]] | None = None
+        self, vehicle: Vehicle, windows: Sequence[tuple[ConvexSet, Array]] | None = None,
+        sets: ConvexSets | None = None,
     ) -> None:
         self.vehicle, self.axes = vehicle, vehicle.axes
         self.windows = list(thrust_sets(vehicle) if windows is None else windows)
-        self.sets = ConvexSets([each for each, _ in self.windows])
+        self.sets = ConvexSets([each for each, _ in self.windows]) if sets is None else sets
         names = [str(i + 1) for i in range(vehicle.n)]
         self.effector_names = tuple(component_names(names, self.sets.sets))
         owners = [i for i, (each, _) in enumerate(self.windows) for _ in range(each.size)]
@@ -95,6 +101,11 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
         self.wrenches = thrust_wrenches(vehicle, owners, self.directions)
         gamma = self.wrenches[[AXES.index(axis) for axis in vehicle.axes]]
         self._fill(gamma, self.sets.lower, self.sets.upper, self._weight())
+
+    def with_axes(self, axes: Sequence[str]) -> VehicleProblem:
+        """Return the problem of the same vehicle with other axes; it has the same sets."""
+        vehicle = replace(self.vehicle, axes=tuple(axes))
+        return TiltingVehicleProblem(vehicle, self.windows, self.sets)
 
     @property
     def facet_choices(self) -> int:
