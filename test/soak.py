@@ -17,7 +17,8 @@ import pytest
 
 HERE = Path(__file__).parent
 
-SERIES = ('endurance', 'test_fuzz', 'test_flood', 'test_watchdog', 'test_end', 'test_kill',
+SERIES = ('endurance', 'test_fuzz', 'test_flood', 'test_watchdog', 'test_node_health',
+          'test_reconfiguration', 'test_end', 'test_kill',
           'test_fault_proxy', 'test_kernel', 'test_preference', 'test_problem', 'test_kernel_c')
 
 

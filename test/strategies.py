@@ -299,3 +299,15 @@ def reach(vehicle, start, direction, limit=np.inf, method='highs'):
 def middle(vehicle):
     """Return the wrench of the thrusts half-way between their bounds."""
     return control_allocation_matrix(vehicle) @ (vehicle.thrust_min + vehicle.thrust_max) / 2.0
+
+
+def sixteen_rotors():
+    """Return the parameters of a vehicle with 16 rotors, tilted so as to command six axes."""
+    positions = ring(16, radius=0.5)
+    x, y, _ = positions.T / 0.5
+    tilts = np.where(np.arange(16) % 4 < 2, 0.4, -0.4)
+    axes = np.column_stack([-np.sin(tilts) * y, np.sin(tilts) * x, np.cos(tilts)])
+    return PARAMETERS | {
+        'vehicle.mass': 4.0, 'vehicle.inertia': [0.1, 0.1, 0.2],
+        'rotors.positions': positions.ravel().tolist(), 'rotors.axes': axes.ravel().tolist(),
+        'rotors.spins': ['cw', 'ccw'] * 8, 'allocation.axes': list(AXES)}

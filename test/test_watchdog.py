@@ -22,9 +22,8 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros.nodes.stream import TICK
 from ca_ros.nodes.watchdog import Watchdog
 from ca_ros.testing import Diagnostics, counts, wrench
-from ca_ros.vehicle.settings import AXES
 from nodes import STALL, host, separate, start_flood, stolen, stood_still
-from strategies import PARAMETERS, length, ring
+from strategies import length, sixteen_rotors
 
 TIMEOUTS = length(3, 6, 150)
 """So many times in a row each watchdog has to be in time."""
@@ -186,18 +185,6 @@ def test_a_flood_of_what_is_dropped_delays_nothing_for_long(graph, name):
     graph.end(flood, signal.SIGKILL)
     node.fly()
     node.wait_for('idle')
-
-
-def sixteen_rotors():
-    """Return the parameters of a vehicle with 16 rotors, tilted so as to command six axes."""
-    positions = ring(16, radius=0.5)
-    x, y, _ = positions.T / 0.5
-    tilts = np.where(np.arange(16) % 4 < 2, 0.4, -0.4)
-    axes = np.column_stack([-np.sin(tilts) * y, np.sin(tilts) * x, np.cos(tilts)])
-    return PARAMETERS | {
-        'vehicle.mass': 4.0, 'vehicle.inertia': [0.1, 0.1, 0.2],
-        'rotors.positions': positions.ravel().tolist(), 'rotors.axes': axes.ravel().tolist(),
-        'rotors.spins': ['cw', 'ccw'] * 8, 'allocation.axes': list(AXES)}
 
 
 @pytest.mark.slow
