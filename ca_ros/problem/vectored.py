@@ -64,7 +64,8 @@ class VectoredProblem(AllocationProblem):
     def _fill(self, gamma: Array, lower: Array, upper: Array, reference: Array) -> None:
         super()._fill(gamma, lower, upper, reference)
         self.by_rate = np.zeros(self.n, dtype=bool)
-        most, least = self.sets.support(gamma), -self.sets.support(-gamma)
+        most, least = np.split(self.sets.support(np.concatenate([gamma, -gamma])), 2)
+        least = -least
         self.middle = constant(self.sets.inner)
         self.center, self.extent = constant((most + least) / 2.0), constant((most - least) / 2.0)
 

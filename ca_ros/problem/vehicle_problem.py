@@ -105,7 +105,10 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
     def with_axes(self, axes: Sequence[str]) -> VehicleProblem:
         """Return the problem of the same vehicle with other axes; it has the same sets."""
         vehicle = replace(self.vehicle, axes=tuple(axes))
-        return TiltingVehicleProblem(vehicle, self.windows, self.sets)
+        made = TiltingVehicleProblem(vehicle, self.windows, self.sets)
+        if self.has_volume and set(axes) <= set(self.axes):
+            vars(made)['has_volume'] = True
+        return made
 
     @property
     def facet_choices(self) -> int:
