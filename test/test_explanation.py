@@ -7,7 +7,7 @@ from ca_ros import AdmissibleSet, SlewLimited, Status, Vehicle, make_allocator
 from ca_ros.allocation.exact_engines import kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.kernel import load
-from ca_ros.problem.limits import ALONE, BY_BOUND, BY_HEALTH, TOGETHER, Limits
+from ca_ros.problem.limits import ALONE, BY_BOUND, BY_HEALTH, BY_RATE, TOGETHER, Limits
 from ca_ros.problem.prioritization import airmode_limits
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import FLEET, HEXAROTOR, SOME, extreme, length, need_kernel, unaudited
@@ -140,6 +140,9 @@ def check_statements(case, answer):
     why, problem, checked = answer.explanation, case.problem, 0
     np.testing.assert_array_equal(
         why.served < 1.0, np.abs(answer.residual) > 1e-9 * problem.extent)
+    assert why.margin == pytest.approx(float(answer.certificate.margin), abs=1e-9)
+    rates = np.any(np.abs(why.limit) == BY_RATE)
+    assert (answer.status is Status.RATE_LIMITED) == rates or answer.bounds is None
     if np.all(why.served == 1.0):
         return 0
     base, longest = case.missed(answer), problem.half_range.max()
