@@ -9,12 +9,13 @@ from typing import Any
 from ca_ros.allocation.settings import AllocatedVehicleSettings
 from ca_ros.arguments import split
 from ca_ros.errors import message
+from ca_ros.firmware import worst_case
 from ca_ros.firmware.detector import detector_of
 from ca_ros.firmware.export import identifier, write
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import DTYPES
-from ca_ros.firmware.tilting import firmware_of
-from ca_ros.settings import check_given, read, table
+from ca_ros.firmware.tilting import TiltingFirmware, firmware_of
+from ca_ros.settings import ParameterError, check_given, read, table
 from ca_ros.vehicle import files
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -30,7 +31,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         faults = faults_of(vehicle, options.faults)
         firmware = firmware_of(faults, settings.allocation, options.precision)
         detector = detector_of(vehicle, given) if options.detector else None
-        write(firmware, name, options.out, detector)
+        if options.worst_case and isinstance(firmware, TiltingFirmware):
+            raise ParameterError('--worst-case: rotors that tilt have another kernel')
+        worst = worst_case.found(firmware) if options.worst_case else None
+        write(firmware, name, options.out, detector, worst)
     except (ValueError, OSError) as error:
         text = message(error).removeprefix(f'{options.vehicle}: ')
         print(f'firmware: {options.vehicle}: {text}', file=sys.stderr)
@@ -69,4 +73,6 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     )
     add('--faults', nargs='+', default=['single'], metavar='FAULT', help=faults)
     add('--detector', action='store_true', help='with the detector of rotor failures')
+    add('--worst-case', action='store_true',
+        help='search the wrenches that take longest, and count the instructions of their calls')
     return parser.parse_args(argv)

@@ -16,8 +16,9 @@ from ca_ros.allocation.slew import PERIOD_MAX
 from ca_ros.firmware import golden, literals, throttles
 from ca_ros.firmware.detector import golden_flight
 from ca_ros.firmware.firmware import DTYPES, LIMIT, Firmware
-from ca_ros.firmware.footprint import measure
+from ca_ros.firmware.footprint import instructions, measure
 from ca_ros.firmware.tilting import TiltingFirmware
+from ca_ros.firmware.worst_case import Bounds, Worst
 from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.problem.controllability import unit
 from ca_ros.settings import ParameterError
@@ -31,7 +32,7 @@ TILTING_FILES = (
 )
 DETECTOR_FILES = ('detector.h', 'detector.c')
 FIXED = ('Makefile', 'check.c', 'startup.c', 'mps2.ld')
-GENERATED = ('configuration.h', 'golden.h', 'vehicle.mk')
+GENERATED = ('configuration.h', 'golden.h', 'vehicle.mk', 'worst_case.c')
 HEADERS = ('errno', 'float', 'limits', 'math', 'stdint', 'stdio', 'stdlib', 'string', 'time')
 TAKEN = {
     *('ca', *HEADERS),
@@ -65,7 +66,8 @@ def identifier(name: str) -> str:
 
 
 def write(
-    firmware: Firmware, name: str, out: Path, detector: FailureDetector | None = None
+    firmware: Firmware, name: str, out: Path, detector: FailureDetector | None = None,
+    worst: Worst | None = None,
 ) -> None:
     """Write all files of a vehicle.
 
@@ -74,6 +76,7 @@ def write(
     - `name`: as `identifier` returns it
     - `out`: a folder; it is made if it is not there
     - `detector`: its files are written, too
+    - `worst`: the worst wrenches found, which `make worst` allocates
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise ParameterError(f'--out: {out} exists already and is not an empty folder')
@@ -90,13 +93,16 @@ def write(
     targets = {
         'configuration.h': 'configuration.h', f'{kind}.h': f'{name}.h',
         f'{kind}.c': f'{name}.c', 'golden.h': 'golden.h',
-        'vehicle.mk': 'vehicle.mk', f'{kind}.md': 'README.md',
+        'vehicle.mk': 'vehicle.mk', **({'worst_case.c': 'worst_case.c'} if worst else {}),
+        f'{kind}.md': 'README.md',
     }
     _fill(
         targets, name, firmware.precision, out, firmware=firmware, axes=problem.axes,
         detector=detector, tilting=tilting,
         commanded=[row + [-1] * (len(problem.axes) - len(row)) for row in firmware.rows],
         measured=measured, footprint=partial(measure, out, measured, core),
+        worst=worst, instructions=partial(instructions, out),
+        bound=None if tilting else Bounds.greatest(firmware),
         bounds=partial(loop_bounds, out), problems=literals.problems(firmware),
         real='float' if single else 'double',
         hover=[f'{float(f"{each:.6g}")}{"f" * single}' for each in problem.reference],

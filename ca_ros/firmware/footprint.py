@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 TOOLS = ('make', 'arm-none-eabi-gcc', 'arm-none-eabi-size')
 
+EMULATED = 'make', 'arm-none-eabi-gcc', 'qemu-system-arm'
+
 GRAPH_NODE = re.compile(r'node: { title: "([^"]*)" label: "[^"]*?(\d+) bytes \((\w+)\)')
 GRAPH_EDGE = re.compile(r'edge: { sourcename: "([^"]*)" targetname: "([^"]*)"')
 
@@ -49,6 +51,21 @@ def _measured(folder: Path, function: str, core: str) -> Footprint:
     text, data, bss = map(int, sizes[:3])
     compiler = _run('arm-none-eabi-gcc', '--version').partition('\n')[0]
     return Footprint(text + data, data + bss, deepest(graph, function), compiler, core)
+
+
+def instructions(folder: Path) -> list[int] | str:
+    """Run the worst wrenches of an exported vehicle (`make worst`) on an emulated core.
+
+    Returns the instructions of each call, or why they are not known.
+    """
+    if missing := [tool for tool in EMULATED if not which(tool)]:
+        return f'{", ".join(missing)} not installed'
+    try:
+        with tempfile.TemporaryDirectory() as build:
+            said = _run('make', '-s', '-C', str(folder), f'BUILD={build}', 'worst')
+    except OSError as error:
+        return ' '.join(str(error).split())
+    return [int(count) for count in re.findall(r'(\d+) instructions', said)]
 
 
 def deepest(graph: str, function: str) -> int:
