@@ -16,11 +16,11 @@ from ca_ros.errors import message
 from ca_ros.evaluation import fit_thrust, identify
 from ca_ros.evaluation.sets import audit_command
 from ca_ros.kernel import NOT_BUILT, chosen, load
-from ca_ros.nodes.bridges import motors
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.px4 import parameters as px4_parameters
 from ca_ros.vehicle import urdf
 from ca_ros.vehicle.files import shipped_problems, shipped_tilting, shipped_vehicles
+from ca_ros.vehicle.formats import gazebo
 from ca_ros.vehicle.vehicle import Vehicle
 
 DOCS = {
@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog='python -m ca_ros', description='Say what this installation of ca_ros has.'
     )
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', dest='command')
-    for command in (audit_command, explore, fit_thrust, identify, motors, px4_parameters, urdf):
+    for command in (audit_command, explore, fit_thrust, gazebo, identify, px4_parameters, urdf):
         name, about = command.COMMAND
         words = f'{about[0].upper()}{about[1:]}.'
         command.add_options(one := commands.add_parser(name, help=about, description=words))

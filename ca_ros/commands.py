@@ -19,10 +19,6 @@ parameters.
 
 COMMANDS = {
     **{node: f'ca_ros.nodes.{node}' for node in NODES},
-    **{
-        bridge: f'ca_ros.nodes.bridges.{bridge}'
-        for bridge in ('actuators_bridge', 'gazebo_bridge', 'ros2_control_bridge')
-    },
     'attainable': 'ca_ros.evaluation.sets.attainable',
     'bringup': 'ca_ros.bringup.bringup',
     'dynamic_study': 'ca_ros.evaluation.dynamic.study',
@@ -46,7 +42,6 @@ ROS = (
 HINTS = {
     **dict.fromkeys(STUDIES, "pip install 'ca_ros[studies]'"),
     'distributed': "pip install 'ca_ros[cluster]'",
-    'actuator_msgs': 'apt install ros-jazzy-actuator-msgs, and source ROS 2 Jazzy',
     'px4_msgs': 'build and source github.com/PX4/px4_msgs of the branch of your PX4 (docs/px4.md)',
     **dict.fromkeys(ROS, "source ROS 2 Jazzy, or pip install 'ca_ros[ros]' (x86-64 Linux)"),
 }

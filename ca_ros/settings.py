@@ -41,11 +41,17 @@ INDENT = '    '
 
 SWITCH: dict[str, Any] = {'enabled': True, 'disabled': False}
 
+REMOVED = {
+    'bridge.actuators': 'examples/motor_commands.py publishes actuator_msgs/Actuators',
+}
+"""Settings that are no more, with what there is instead."""
+
 RENAMED: dict[str, tuple[str, dict[str, Any]]] = {
     'allocation.exact.reversal': ('allocation.exact.thrust_deviation', {}),
     'problem.effectors': ('problem.effector_names', {}),
     'allocation.exact.slack': ('allocation.exact.residual_slack', {}),
     'bridge.px4_input': ('px4.interface', {'state': 'offboard'}),
+    'bridge.order': ('px4.order', {}),
     'bridge.px4_output': ('px4.output', {}),
     'bridge.px4_thrust_factor': ('px4.thrust_factor', {}),
     **{
@@ -317,6 +323,8 @@ def check_given(given: Mapping[str, Any], known: Mapping[str, Field]) -> None:
         if name in known:
             check(name, value, known[name])
             continue
+        if name in REMOVED:
+            raise ParameterError(f'{name}: no such parameter any more: {REMOVED[name]}')
         near = get_close_matches(name, known, n=1, cutoff=0.7)
         if near or name.split('.')[0] in groups:
             hint = f' (did you mean {near[0]}?)' if near else ''

@@ -1,8 +1,8 @@
-"""The bridges: their conversions without ROS, and those whose message packages have wheels."""
+"""Motors of others: order, signs and models; vehicles from URDF."""
 
 import importlib.util
 import re
-import signal
+import runpy
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,11 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros import ParameterError, Vehicle
 from ca_ros.__main__ import main
-from ca_ros.nodes.bridges import motors
+from ca_ros.px4 import motor_order
+from ca_ros.vehicle.formats import gazebo
 from ca_ros.vehicle.urdf import read_urdf
 from nodes import refused
 from strategies import FLEET
 
+EXAMPLE = Path(__file__).resolve().parent.parent / 'examples' / 'motor_commands.py'
 PAGE = Path(__file__).resolve().parent.parent / 'docs' / 'px4.md'
 
 
@@ -26,7 +28,7 @@ PAGE = Path(__file__).resolve().parent.parent / 'docs' / 'px4.md'
 @pytest.mark.parametrize('name', ['hexarotor', 'x8', 'asymmetric'])
 def test_the_motor_models_give_the_yaw_torque_of_the_allocation_matrix(name):
     vehicle = FLEET[name]
-    models = ElementTree.fromstring(f'<sdf>{motors.motor_models(vehicle)}</sdf>')
+    models = ElementTree.fromstring(f'<sdf>{gazebo.motor_models(vehicle)}</sdf>')
     assert [int(model.findtext('motorNumber')) for model in models] == list(range(vehicle.n))
     for model, i in zip(models, range(vehicle.n), strict=True):
         # MulticopterMotorModel.cc: thrust k w^2, torque -direction * thrust * moment constant.
@@ -54,83 +56,48 @@ def test_the_motor_models_of_the_x500_are_those_of_px4(tmp_path, capsys):
     assert {model.get('filename') for model in models} == {'gz-sim-multicopter-motor-model-system'}
 
 
-def test_joints_turn_clockwise_by_a_minus():
-    vehicle = Vehicle.load('hexarotor')
-    signs = np.sign(motors.joint_velocities(np.full(6, 100.0), vehicle))
-    assert_allclose(signs, [-1, 1, -1, 1, -1, 1])
-    for wrong in ([1.0] * 5, [np.nan] * 6, [1e308] * 6, [-300.0] * 6):
-        with pytest.raises(ValueError, match='rotor speeds'):
-            motors.joint_velocities(wrong, vehicle)
-
-
 def test_the_order_of_the_motors():
-    assert motors.order_of(0.0, 3) == []
-    assert_allclose(motors.ordered(np.array([10.0, 20.0, 30.0]), [3, 1, 2]), [30.0, 10.0, 20.0])
+    assert motor_order.order_of(0.0, 3) == []
+    assert motor_order.ordered(np.array([10.0, 20.0, 30.0]), [3, 1, 2]).tolist() == [30, 10, 20]
     for wrong in ([1, 2], [1, 2, 2], [0, 1, 2], [2.4, 3, 1], [0.4]):
-        with pytest.raises(ParameterError, match=r'^bridge\.order: expected each'):
-            motors.order_of(wrong, 3)
+        with pytest.raises(ParameterError, match=r'^px4\.order: expected each'):
+            motor_order.order_of(wrong, 3)
 
 
-def test_tilt_angles_in_the_order_of_the_motors():
-    tricopter, gimbals = map(Vehicle.load, ('tricopter', 'omnidirectional_gimbals'))
-    assert motors.servo_angles([0.3], tricopter, [2, 3, 1]).tolist() == [0.3]
-    # Rotor 8 first, with its two angles.
-    angles = np.arange(16) / 20.0
-    turned = motors.servo_angles(angles, gimbals, [8, 1, 2, 3, 4, 5, 6, 7])
-    assert turned.tolist() == [*angles[14:], *angles[:14]]
-    for wrong in ([0.7], [np.nan], [0.1, 0.1]):
-        with pytest.raises(ValueError, match=r'tilt angles .*: expected 1, from \[-0\.6'):
-            motors.servo_angles(wrong, tricopter, [])
+@pytest.mark.parametrize('wrong', [[1.0] * 5, [np.nan] * 6, [1e308] * 6, [-300.0] * 6])
+def test_speeds_that_are_none_of_the_vehicle_are_refused(wrong):
+    with pytest.raises(ValueError, match='rotor speeds'):
+        motor_order.sound_speeds(wrong, Vehicle.load('hexarotor'))
+
+
+def test_gazebo_takes_no_rotors_that_tilt():
     with pytest.raises(ParameterError, match='model of Gazebo takes fixed rotors only'):
-        motors.motor_models(tricopter)
-
-
-# Nodes
-
-def test_joint_velocities_arrive(graph):
-    from std_msgs.msg import Float64MultiArray
-
-    process = graph.start(
-        'ros2_control_bridge', '--vehicle', 'quadrotor', '--ros-args',
-        '-r', '~/commands:=/rotor_controller/commands', '-p', 'bridge.order:=[4, 3, 2, 1]')
-    sender = graph.publisher(Float64MultiArray, 'command/motor_speed')
-    received = graph.listen(Float64MultiArray, '/rotor_controller/commands')
-    graph.spin_until(
-        lambda: received, 'velocities', lambda: (
-            sender.publish(Float64MultiArray(data=[1.0])),
-            sender.publish(Float64MultiArray(data=[100.0, 200.0, 300.0, 400.0]))))
-    # The quadrotor's spins are cw, ccw, cw, ccw.
-    assert list(received[0].data) == [400.0, -300.0, 200.0, -100.0]
-    _, err = graph.end(process, signal.SIGTERM)
-    assert 'Traceback' not in err
-    assert process.returncode == 0
+        gazebo.motor_models(Vehicle.load('tricopter'))
 
 
 @pytest.mark.slow
-def test_without_its_messages_a_bridge_says_so_in_one_line():
-    refused([
-        ((name, '--vehicle', 'quadrotor'), [f'{name}: needs {package}: '])
-        for name, package in (
-            ('actuators_bridge', 'actuator_msgs'), ('gazebo_bridge', 'actuator_msgs'),
-            ('px4_bridge', 'px4_msgs'))
-        if not importlib.util.find_spec(package)])
+def test_without_its_messages_the_bridge_says_so_in_one_line():
+    if not importlib.util.find_spec('px4_msgs'):
+        refused([(('px4_bridge', '--vehicle', 'quadrotor'), ['px4_bridge: needs px4_msgs: '])])
 
 
-@pytest.mark.parametrize(('name', 'package'), [
-    ('actuators_bridge', 'actuator_msgs'), ('gazebo_bridge', 'actuator_msgs')])
-def test_actuators_arrive(name, package, graph):
-    pytest.importorskip(package, reason=f'{package} is not installed')
-    from actuator_msgs.msg import Actuators
+# Other motors
+
+@pytest.mark.skipif(not EXAMPLE.is_file(), reason='examples/ is not beside the tests')
+def test_the_example_gives_joints_their_signs_and_actuators_their_speeds(graph):
     from std_msgs.msg import Float64MultiArray
 
-    topic = {'actuators_bridge': 'command/actuators', 'gazebo_bridge': 'command/motors'}[name]
-    process = graph.start(name, '--vehicle', 'quadrotor')
+    node = runpy.run_path(str(EXAMPLE))['MotorCommands'](
+        'quadrotor', [4, 3, 2, 1], context=graph.context)
+    graph.add_node(node)
     sender = graph.publisher(Float64MultiArray, 'command/motor_speed')
-    received = graph.listen(Actuators, topic)
-    sent = Float64MultiArray(data=[100.0, 200.0, 300.0, 400.0])
-    graph.spin_until(lambda: received, 'actuators', lambda: sender.publish(sent))
-    assert list(received[0].velocity) == list(sent.data)
-    graph.end(process, signal.SIGTERM)
+    received = graph.listen(Float64MultiArray, 'commands')
+    graph.spin_until(
+        lambda: received, 'velocities', lambda: (
+            sender.publish(Float64MultiArray(data=[1.0])),
+            sender.publish(Float64MultiArray(data=[100.0, 200.0, 0.0, 400.0]))))
+    # The quadrotor's spins are cw, ccw, cw, ccw; motor 1 is rotor 4.
+    assert list(received[0].data) == [400.0, 0.0, 200.0, -100.0]
 
 
 # URDF

@@ -109,11 +109,9 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
         '-p', 'simulator.publish_odometry:=true', '-p', 'publish_throttle:=true',
         '-p', 'publish_pwm:=true', '-p', 'rotors.speed_max_per_volt:=30.0',
         '-p', 'rotors.tilt_axes:=[1.0, 0.0, 0.0]', '-p', 'rotors.tilt_max:=0.3')
-    # The bridge takes no rotors that tilt.
-    for name, vehicle in (('ros2_control_bridge', 'hexarotor'), ('monitor', 'hexarotor_tilting')):
-        graph.start(
-            name, '--vehicle', vehicle, '--ros-args', '-r', f'__ns:={namespace}',
-            '--enclave', f'{namespace.rstrip("/")}/{name}')
+    graph.start(
+        'monitor', '--vehicle', 'hexarotor_tilting', '--ros-args', '-r', f'__ns:={namespace}',
+        '--enclave', f'{namespace.rstrip("/")}/monitor')
     seen = {}
 
     def agree():

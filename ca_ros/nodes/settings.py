@@ -157,17 +157,6 @@ class ViewerSettings(WorldSettings, NodeSettings, VehicleSettings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BridgeSettings(Settings):
-    """What bridges pass on, and how."""
-
-    order: Numbers = setting(
-        0.0, 'for each motor or joint of the other side the rotor that it is, from 1; 0: the same '
-        'order', minimum=0.0)
-    actuators: Literal['velocity', 'normalized'] = setting(
-        'velocity', 'field of actuator_msgs/Actuators. velocity: rad/s; normalized: throttle')
-
-
-@dataclass(frozen=True, kw_only=True)
 class Px4Settings(Settings):
     """What ca_ros is to PX4, and what PX4 gets."""
 
@@ -181,19 +170,15 @@ class Px4Settings(Settings):
         'thrust',
         'what PX4 gets. thrust: the share of the greatest thrust, of which PX4 makes its output '
         'by THR_MDL_FAC; throttle: the control whose output is the throttle')
+    order: Numbers = setting(
+        0.0, "for each of PX4's motors the rotor that it is, from 1; 0: the same order",
+        minimum=0.0)
     thrust_factor: float = setting(
         0.0, 'THR_MDL_FAC as it is set in PX4, for output: throttle', minimum=0.0, maximum=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class BridgeNodeSettings(WorldSettings, NodeSettings, VehicleSettings):
-    """The settings of a bridge."""
-
-    bridge: BridgeSettings = BridgeSettings()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Px4NodeSettings(BridgeNodeSettings):
+class Px4NodeSettings(WorldSettings, NodeSettings, VehicleSettings):
     """The settings of the bridge to PX4."""
 
     px4: Px4Settings = Px4Settings()
@@ -207,7 +192,6 @@ class FileSettings(WorldSettings, AllocatorSettings, ControlSettings):
     allocation: VehicleMethodSettings = group(VehicleAllocation)
     simulator: SimulationSettings
     detector: DetectorSettings
-    bridge: BridgeSettings = BridgeSettings()
     px4: Px4Settings = Px4Settings()
 
 

@@ -15,7 +15,6 @@ from std_msgs.msg import Float64MultiArray, Header
 
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
-from ca_ros.nodes.bridges.motors import order_of
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import answers_nothing, stamp, state_messages, wrench_message
@@ -23,6 +22,7 @@ from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.settings import Px4NodeSettings
 from ca_ros.nodes.stream import Streams
 from ca_ros.px4.frames import State
+from ca_ros.px4.motor_order import order_of
 from ca_ros.px4.rules import Rules, topic
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -57,7 +57,7 @@ class Px4Bridge(Node):
         super().__init__(node_name, **kwargs)
         self.settings = settings = Parameters(self, self.declared).settings
         vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
-        order = order_of(settings.bridge.order, vehicle.n)
+        order = order_of(settings.px4.order, vehicle.n)
         self.rules = rules = Rules(msg, vehicle, settings.px4, order, self)
         self._diagnostics = Diagnostics(self, 'px4', str(settings.vehicle.name))
         self._counts = self._diagnostics.counts

@@ -137,7 +137,7 @@ class Rules:
     px4_msgs lacks a message or a field.
 
     - `messages`: the classes of the messages by name, such as the module ``px4_msgs.msg``
-    - `order`: as in `ca_ros.nodes.bridges.motors.ordered`
+    - `order`: as in `ca_ros.px4.motor_order.ordered`
     - `clock`: a steady time [s]
     - `sent`, `heard`: the classes of the messages by the name of their topic
     - `ours`: whether PX4 leaves the motors to this side
@@ -467,7 +467,7 @@ def check_vehicle(vehicle: Vehicle) -> None:
         raise ParameterError(f'{vehicle.n} rotors, but PX4 has {frames.CONTROLS} motors at most')
     if (vehicle.speed_min < 0.0).any():
         raise ParameterError('rotors reverse (rotors.speed_min < 0), which is not supported')
-    refuse_tilts(vehicle.tilts, 'px4_bridge (unlike actuators_bridge)')
+    refuse_tilts(vehicle.tilts, 'px4_bridge')
 
 
 def check_messages(messages: Any, interface: str) -> None:

@@ -10,10 +10,10 @@ import sys
 from pages import DOCS, filled
 
 from ca_ros import ALLOCATORS, settings
-from ca_ros.nodes.settings import DECLARED, BridgeNodeSettings, MonitorSettings, Px4NodeSettings
+from ca_ros.nodes.settings import DECLARED, MonitorSettings, Px4NodeSettings
 
 TABLES = {
-    **DECLARED, 'bridge': BridgeNodeSettings, 'px4': Px4NodeSettings, 'monitor': MonitorSettings,
+    **DECLARED, 'px4': Px4NodeSettings, 'monitor': MonitorSettings,
 }
 
 PAGES = (DOCS.parent / 'README.md', DOCS / 'parameters.md')
