@@ -55,7 +55,8 @@ def test_so_do_firmware_trajectories_and_nodes(wrong, tmp_path, capsys):
     path, fault = wrong
     assert firmware(['--vehicle', str(path), '--out', str(tmp_path / 'out')]) == 1
     assert fault in capsys.readouterr().err
-    for words in (['bringup', '--trajectory', path], ['monitor', '--ros-args', '--params-file', path]):
+    node = ['monitor', '--ros-args', '--params-file', path]
+    for words in (['bringup', '--trajectory', path], node):
         found = subprocess.run(
             [executable(words[0]), *map(str, words[1:])], capture_output=True, text=True,
             timeout=60)
