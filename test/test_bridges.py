@@ -75,6 +75,23 @@ def test_gazebo_takes_no_rotors_that_tilt():
         gazebo.motor_models(Vehicle.load('tricopter'))
 
 
+def test_a_restart_of_the_states_reaches_controller_and_monitor(graph):
+    from ca_ros.nodes.topics import STATE_RESTART
+    from ca_ros.testing import Diagnostics
+
+    names = 'controller', 'monitor'
+    for name in names:
+        graph.start(name, '--vehicle', 'hexarotor')
+    diagnostics = Diagnostics(graph)
+    sender = graph.publisher(STATE_RESTART.kind, STATE_RESTART.name)
+
+    def counted(name):
+        return any('restarts' in status.values for status in diagnostics.all(name))
+
+    graph.spin_until(
+        lambda: all(map(counted, names)), 'restarts', lambda: sender.publish(STATE_RESTART.kind()))
+
+
 @pytest.mark.slow
 def test_without_its_messages_the_bridge_says_so_in_one_line():
     if not importlib.util.find_spec('px4_msgs'):

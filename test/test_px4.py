@@ -105,7 +105,7 @@ def test_without_saturation_the_motors_are_those_of_px4(vehicle):
     # Front right and rear left turn counter-clockwise, front left and rear right clockwise.
     r, p = S * roll, S * pitch
     by_hand = [-r + p + yaw, r - p + yaw, r + p - yaw, -r - p - yaw]
-    assert_allclose(px4.controls(speeds, quad, [], 'thrust', 0.0)[:4], thrust + np.array(by_hand))
+    assert_allclose(controls(quad, speeds)[:4], thrust + np.array(by_hand))
 
 
 @pytest.mark.parametrize('name', ['quadrotor', 'hexarotor', 'x8', 'y6', 'asymmetric'])
@@ -138,13 +138,17 @@ def output(control, factor):
     return max(np.real(roots))
 
 
+def controls(vehicle, speeds, order=(), output='thrust', factor=0.0):
+    return px4.Motors(vehicle, order, output, factor).convert(speeds)[0]
+
+
 speeds = st.floats(40.0, 400.0)
 QUAD = Vehicle.load('quadrotor')
 
 
 @given(speeds)
 def test_px4_gets_shares_of_the_greatest_thrust(speed):
-    control = px4.controls(np.full(4, speed), QUAD, [], 'thrust', 0.0)[:4]
+    control = controls(QUAD, np.full(4, speed))[:4]
     assert_allclose(control, (2.5e-5 * speed**2) / (2.5e-5 * 400.0**2), rtol=1e-7)
 
 
@@ -153,12 +157,12 @@ def test_px4_finds_the_output_that_sets_the_speed(speed, idle, factor):
     """With the throttles of Gazebo: 0 is the idle speed, 1 the greatest."""
     gazebo = Vehicle.from_parameters(read('quadrotor') | {
         'rotors.thrust_curve.speeds': [idle, 400.0], 'rotors.thrust_curve.throttles': [0.0, 1.0]})
-    control = px4.controls(np.full(4, speed), gazebo, [], 'throttle', factor)[0]
+    control = controls(gazebo, np.full(4, speed), [], 'throttle', factor)[0]
     assert idle + output(control, factor) * (400.0 - idle) == pytest.approx(speed, abs=0.1)
 
 
 def test_px4_gets_its_own_order_and_nan_for_what_does_not_turn():
-    sent = px4.controls(np.array([100.0, 200.0, 0.0, 400.0]), QUAD, [2, 3, 1, 4], 'thrust', 0.0)
+    sent = controls(QUAD, np.array([100.0, 200.0, 0.0, 400.0]), [2, 3, 1, 4], 'thrust', 0.0)
     assert (sent.dtype, sent.shape) == (np.float32, (12,))
     assert_allclose(sent[:4], [0.25, np.nan, 0.0625, 1.0])
     assert np.isnan(sent[4:]).all()
@@ -167,7 +171,7 @@ def test_px4_gets_its_own_order_and_nan_for_what_does_not_turn():
 @pytest.mark.parametrize('wrong', [[401.0, 0, 0, 0], [-1.0, 0, 0, 0], [np.nan, 0, 0, 0], [100.0]])
 def test_px4_gets_nothing_that_is_out_of_bounds(wrong):
     with pytest.raises(ValueError, match='rotor speeds'):
-        px4.controls(np.array(wrong), QUAD, [], 'thrust', 0.0)
+        controls(QUAD, np.array(wrong))
 
 
 def test_px4_gets_full_thrust_with_more_than_the_nominal_voltage():
@@ -176,7 +180,19 @@ def test_px4_gets_full_thrust_with_more_than_the_nominal_voltage():
     full = Exact(some.at_voltage(16.0)).allocate([100.0, 0.0, 0.0, 0.0]).speeds
     assert_allclose(full, 400.0)
     for output in ('thrust', 'throttle'):
-        assert_allclose(px4.controls(full, some, [], output, 0.3)[:6], 1.0)
+        assert_allclose(controls(some, full, [], output, 0.3)[:6], 1.0)
+
+
+def test_the_land_detector_gets_the_force_of_all_rotors():
+    some = FLEET['tilted_hexarotor']
+    speeds = np.array([0.0, 100.0, 200.0, 300.0, 400.0, 200.0])
+    _, force = px4.Motors(some, [], 'throttle', 0.3).convert(speeds)
+    # Up, left and backwards are negative, right and forwards positive.
+    expected = [1, -1, -1] * (some.thrusts(speeds) @ some.rotor_axes) / some.thrust_max.sum()
+    assert_allclose(force, expected, atol=1e-7)
+    assert force.dtype == np.float32
+    _, full = px4.Motors(QUAD, [], 'thrust', 0.0).convert(np.full(4, 400.0))
+    assert_allclose(full, [0, 0, -1])
 
 
 # Parameters

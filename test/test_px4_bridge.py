@@ -38,13 +38,7 @@ class WiredLoop(cases.Loop):
         super().__init__(interface)
 
     def make_rules(self):
-        from ca_ros.px4.px4_bridge import Px4Bridge
-
-        values = file_values('hexarotor', kind=Px4NodeSettings)
-        values['px4.interface'] = self.interface
-        self.bridge = bridge = self.graph.add_node(Px4Bridge(
-            context=self.graph.context, use_global_arguments=False,
-            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()]))
+        self.bridge = bridge = bridge_of(self.graph, interface=self.interface)
         for timer in bridge.timers:
             # The test calls it, in the time of PX4.
             timer.cancel()
@@ -150,3 +144,43 @@ globals().update({name: getattr(cases, name) for name in (
     'test_no_state_is_passed_on_while_px4_is_disarmed',
     'test_a_changed_reset_counter_is_a_restart',
 )})
+
+
+def bridge_of(graph, **values):
+    from ca_ros.px4.px4_bridge import Px4Bridge
+
+    given = file_values('hexarotor', kind=Px4NodeSettings)
+    given |= {f'px4.{name}': value for name, value in values.items()}
+    return graph.add_node(Px4Bridge(
+        context=graph.context, use_global_arguments=False,
+        parameter_overrides=[Parameter(name, value=value) for name, value in given.items()]))
+
+
+def test_set_points_become_wrenches_and_speeds_motors(graph):
+    bridge_of(graph, interface='setpoints', simulation=True)
+    wrenches = graph.listen(topics.WRENCH.kind, topics.WRENCH.name)
+    motors = graph.listen(px4.ActuatorMotors, 'fmu/in/actuator_motors', TO_PX4)
+    thrust = graph.publisher(
+        px4.VehicleThrustSetpoint, 'fmu/out/vehicle_thrust_setpoint', FROM_PX4)
+    torque = graph.publisher(
+        px4.VehicleTorqueSetpoint, 'fmu/out/vehicle_torque_setpoint', FROM_PX4)
+    speeds = graph.publisher(Float64MultiArray, topics.SPEED_COMMAND.name)
+    down = np.float32([0.0, 0.0, -0.5])
+
+    def send():
+        thrust.publish(px4.VehicleThrustSetpoint(timestamp_sample=7000, xyz=down))
+        torque.publish(px4.VehicleTorqueSetpoint(timestamp_sample=7000))
+        speeds.publish(speeds_message(np.full(6, 200.0), 7_000_000))
+
+    graph.spin_until(lambda: wrenches and motors, 'a wrench and motors', send)
+    # Half of six times four newton.
+    assert wrenches[0].wrench.force.z == pytest.approx(12.0)
+    assert nanoseconds(wrenches[0].header.stamp) == 7_000_000
+    assert motors[0].control[:6] == pytest.approx(0.25)
+
+
+def test_messages_of_another_branch_are_named(graph):
+    bridge = bridge_of(graph)
+    graph.publisher(px4.VehicleStatus, 'fmu/out/vehicle_status', FROM_PX4)
+    text = 'PX4 has /fmu/out/vehicle_status: px4_msgs is not of its branch'
+    graph.spin_until(lambda: bridge._other_versions() == text, 'another version')

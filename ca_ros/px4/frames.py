@@ -126,45 +126,44 @@ def wrench(thrust: Sequence[float], torque: Sequence[float], unit: Array) -> Arr
     return FLIP * unit * given
 
 
-def thrust(speeds: Array, vehicle: Vehicle) -> Array:
-    """Return VehicleThrustSetpoint.xyz (3,), float32: the force of the rotors, forward-right-down.
-
-    It is normalised by the sum of the greatest thrusts, so that of upright rotors is (0, 0, -1) at
-    most.
-
-    - `speeds` (n,): in the order of the vehicle's parameter file [rad/s]
-    - `vehicle`: with sound rotors
-    """
-    force = vehicle.thrusts(np.minimum(speeds, vehicle.speed_max)) @ vehicle.rotor_axes
-    full = vehicle.thrusts(vehicle.speed_max).sum()
-    return np.asarray(FLIP[:3] * force / full, dtype=np.float32)
-
-
-def controls(
-    speeds: Array, vehicle: Vehicle, order: Sequence[int], output: str, thrust_factor: float
-) -> Any:
-    """Return ActuatorMotors.control (12,), float32.
+class Motors:
+    """Converts rotor speeds to what PX4 gets.
 
     PX4's output x follows from the control c that it is sent by c = F x^2 + (1 - F) x, with its
-    parameter F = THR_MDL_FAC, so PX4 models thrust as this function of x.  Raises a ValueError if
-    a speed is out of bounds.
+    parameter F = THR_MDL_FAC, so PX4 models thrust as this function of x.
 
-    - `speeds` (n,): in the order of the vehicle's parameter file [rad/s]
     - `order` (n,): as in `ordered`
     - `output` ('thrust' or 'throttle'): the control is the share of the greatest thrust, for which
       PX4 finds the output; or the c whose x is the throttle of the vehicle's thrust curve
     - `thrust_factor`: THR_MDL_FAC as it is set in PX4, for 'throttle'
-
-    The result: NaN, which stops a motor, for rotors at speed zero and for motors that are not
-    there.
     """
-    sound_speeds(speeds, vehicle)
-    if output == 'thrust':
-        curve = vehicle.curve
+
+    def __init__(
+        self, vehicle: Vehicle, order: Sequence[int], output: str, thrust_factor: float
+    ) -> None:
+        self._vehicle, self._order = vehicle, order
+        self._thrusts, self._factor = output == 'thrust', thrust_factor
+        self._greatest = vehicle.curve.thrust(vehicle.speed_max)
+        full = vehicle.with_health(1.0).thrusts(vehicle.speed_max)
+        self._forces = FLIP[:3] * (full[:, None] / full.sum()) * vehicle.rotor_axes
+
+    def convert(self, speeds: Array) -> tuple[Any, Any]:
+        """Return ActuatorMotors.control (12,) and VehicleThrustSetpoint.xyz (3,), float32.
+
+        A control of NaN, which stops a motor, is that of a rotor at speed zero, and of motors that
+        are not there.  The force is forward-right-down, and normalised by the sum of the greatest
+        thrusts, so that of upright rotors is (0, 0, -1) at most.  Raises a ValueError if a speed
+        is out of bounds.
+
+        `speeds` (n,): in the order of the vehicle's parameter file [rad/s]
+        """
+        vehicle = self._vehicle
+        sound_speeds(speeds, vehicle)
         # With more than the nominal voltage, the allocator's speeds can be beyond full throttle.
-        found = np.minimum(curve.thrust(speeds) / curve.thrust(vehicle.speed_max), 1.0)
-    else:
-        found = to_thrust(vehicle.throttles(speeds), thrust_factor)
-    message: Any = np.full(CONTROLS, np.nan, dtype=np.float32)
-    message[: vehicle.n] = ordered(np.where(speeds == 0.0, np.nan, found), order)
-    return message
+        found = np.minimum(vehicle.curve.thrust(speeds) / self._greatest, 1.0)
+        force = found @ self._forces
+        if not self._thrusts:
+            found = to_thrust(vehicle.throttles(speeds), self._factor)
+        control: Any = np.full(CONTROLS, np.nan, dtype=np.float32)
+        control[: vehicle.n] = ordered(np.where(speeds == 0.0, np.nan, found), self._order)
+        return control, force.astype(np.float32)

@@ -157,9 +157,8 @@ class Rules:
         check_vehicle(vehicle)
         check_messages(messages, interface)
         self._units = frames.units(vehicle) if interface == 'setpoints' else np.zeros(6)
-        self._messages, self._settings = messages, settings
-        self._vehicle, self._sound_vehicle = vehicle, vehicle.with_health(1.0)
-        self._order, self._host, self._clock = order, host, clock
+        self._messages, self._host, self._clock = messages, host, clock
+        self._motors = frames.Motors(vehicle, order, settings.output, settings.thrust_factor)
         self.sent = {
             name: getattr(messages, kind) for name, (kind, _) in SENT[interface].items()
         }
@@ -273,17 +272,13 @@ class Rules:
         if not answers:
             self.counts['timeout actions held back'] += 1
             return
-        options = self._settings
-        controls = frames.controls(
-            speeds, self._vehicle, self._order, options.output, options.thrust_factor
-        )
+        control, thrust = self._motors.convert(speeds)
         if not self.ours:
             self.counts['commands held back'] += 1
             return
         self._commanded = self._clock()
-        self._send('actuator_motors', timestamp=0, timestamp_sample=0, control=controls)
+        self._send('actuator_motors', timestamp=0, timestamp_sample=0, control=control)
         if 'vehicle_thrust_setpoint' in self.sent:
-            thrust = frames.thrust(speeds, self._sound_vehicle)
             self._send('vehicle_thrust_setpoint', timestamp=0, xyz=thrust)
 
     def tick(self) -> None:
