@@ -182,7 +182,7 @@ class FakePx4:
     - `outside`: how many motor commands came while PX4 had the motors
     """
 
-    def __init__(self, vehicle, step=0.01, clock_offset=0.0, **plant):
+    def __init__(self, vehicle, step=0.02, clock_offset=0.0, **plant):
         self.vehicle = vehicle
         settings = PlantSettings(time_step=step, ground='flat', **plant)
         self.plant = Plant(body_of(vehicle, settings), settings)
