@@ -43,9 +43,9 @@ def test_both_engines_name_the_same(name, monkeypatch):
 class Again(Judge):
     """The linear programs with other bounds, and all that follows from the bounds as it was."""
 
-    def __init__(self, vehicle, first, lower, upper, narrowed):
+    def __init__(self, vehicle, begin, lower, upper, narrowed):
         super().__init__(vehicle)
-        self.begin = super().line(first, self.hover)[0] if len(first) > 1 else None
+        self.begin = begin
         self.low, self.high, self.narrowed = lower, upper, narrowed
 
     def rest(self, first, u):
@@ -74,7 +74,8 @@ class Case:
                                thrust_deviation=deviation)
         self.problem, self.airmode = self.exact.problem, airmode_limits(airmode)
         self.slow = None if rates is None else SlewLimited(self.exact, rates)
-        judge = Judge(vehicle)
+        judge, first = Judge(vehicle), self.groups[0]
+        self.begin = judge.line(first, judge.hover)[0] if len(first) > 1 else None
         rest = judge.serve(judge.hover, self.groups, 'allow')
         self.lost = np.flatnonzero(rest[:, 1] - judge.hover > LOST * judge.half)
 
@@ -101,7 +102,8 @@ class Case:
             else:
                 extent = self.problem.extent[self.problem.axes.index('thrust')]
                 airmode[:2] += (airmode[:2] < 1.0) * distance / (2.0 * extent)
-        judge = Again(self.vehicle, self.groups[0], lower, upper, answer.bounds is not None)
+        narrowed = answer.bounds is not None
+        judge = Again(self.vehicle, self.begin, lower, upper, narrowed)
         judge.serve(answer.demand, self.groups, self.deviation, self.lost, airmode)
         return np.abs(answer.demand - judge.gamma @ judge.thrusts)
 
@@ -204,6 +206,7 @@ CASES = {
 }
 
 
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize('name', CASES)
 def test_what_is_said_is_so_when_the_demand_is_served_again(name):
     case, rng, checked = CASES[name](), np.random.default_rng(1), 0
