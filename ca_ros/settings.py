@@ -345,12 +345,16 @@ def check(name: str, value: Any, field: Field) -> Any:
             'numbers only if all have a decimal point or none has: write [0.0, 0.5, 1.0]'
         )
     size = len(value) if is_array else 1
+    if is_array and not size:
+        raise ParameterError(f'{name}: expected at least one value, got none')
     if instead := field.removed.get(value if isinstance(value, str) else size):
         raise ParameterError(f'{name}: {instead}')
     if field.sizes and size not in field.sizes:
         expected = ' or '.join(map(str, field.sizes))
         raise ParameterError(f'{name}: expected {expected} numbers, got {size}')
     if is_array:
+        if sound := _all_sound(value, field):
+            return sound
         entry = dataclasses.replace(field, sizes=(), removed={})
         return [check(f'{name}[{i}]', each, entry) for i, each in enumerate(value)]
     found = _typed(value, field)
@@ -361,6 +365,17 @@ def check(name: str, value: Any, field: Field) -> Any:
     if field.positive and not isinstance(found, str) and found < SMALLEST:
         raise ParameterError(f'{name}: expected a number from {SMALLEST:g}, got {found:g}')
     return found
+
+
+def _all_sound(values: Sequence[Any], field: Field) -> list[float] | None:
+    """Return many numbers if all are within the limits, much faster than one by one; else None."""
+    if float not in field.kinds or not all(type(each) is float for each in values):
+        return None
+    numbers = np.array(values)
+    least = max(field.minimum, SMALLEST if field.positive else -LARGEST)
+    # A comparison with nan is false.
+    within = (numbers >= least) & (numbers <= min(field.maximum, LARGEST))
+    return list(values) if within.all() else None
 
 
 def _typed(value: Any, field: Field) -> Any:

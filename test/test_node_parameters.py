@@ -3,20 +3,24 @@
 import json
 import math
 import signal
+import time
 from collections import Counter
 
 import numpy as np
 import pytest
 import yaml
 from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
 from ca_ros.commands import NODES
+from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.settings import DECLARED, AllocatorSettings, FileSettings
 from ca_ros.settings import table
 from ca_ros.testing import Graph, wrench
-from nodes import HOVER, AllocatorClient, host, refused, run_all, some_wrenches, twin
+from nodes import HOVER, KINDS, AllocatorClient, host, refused, run_all, some_wrenches, twin
 from strategies import file_values, length
 
 SHIPPED = file_values('hexarotor')
@@ -149,6 +153,7 @@ def test_a_node_declares_what_it_uses_and_names_what_no_node_has(graph, node):
         node, '--vehicle', 'hexarotor', '--ros-args', '-p', 'camera.exposure:=3',
         '-p', 'foo:=1.0', '-p', 'use_sim_time:=true',
         '-p', 'qos_overrides./clock.subscription.depth:=1',
+        '-p', 'qos_overrides./command/wrench.subscription.reliability:=reliable',
         *(word for name, value in SHIPPED.items()
           for word in ('-p', f'{name}:={json.dumps(value)}')))
     parameters = graph.connect(node)
@@ -164,7 +169,8 @@ def test_a_node_declares_what_it_uses_and_names_what_no_node_has(graph, node):
     assert 'foo' in line
     assert 'WARN' in line
     assert 'use_sim_time' not in err
-    assert 'qos_overrides' not in err
+    [line] = [line for line in err.splitlines() if 'qos_overrides' in line]
+    assert 'qos_overrides./command/wrench.subscription.reliability: without effect' in line
     assert [name for name in SHIPPED if name in line] == []
 
 
@@ -221,6 +227,102 @@ def test_what_cannot_be_set_changes_nothing_now_or_later(client):
         assert client.parameters.get(*ALLOCATOR) == before, values
         assert client.ask(HOVER).tobytes() == speeds.tobytes(), values
     assert client.diagnose()[1]['method'] == 'exact'
+
+
+@pytest.mark.parametrize('name', KINDS)
+def test_every_parameter_takes_every_kind_of_value_or_refuses_it_by_name(graph, name):
+    node, twin = host(graph, name), host(graph, name, '-r', '__ns:=/twin')
+    values = [
+        [], [''], '', 'wrong', '[1.0, 2]', True, [True], [b'\x01'], 0, -1, 10**18, [0],
+        [1] * 37, 0.0, -1.0, 1e300, math.nan, [math.nan], [0.0], [1.0] * 6, [1.0] * 37, ['a'] * 3]
+    changes = [Parameter(key, value=value) for key in table(node.declared) for value in values]
+    changes += [Parameter(key) for key in table(node.declared)]
+    answers = node.set_parameters(changes)
+    for change, answer in zip(changes, answers, strict=True):
+        assert answer.successful or change.name in answer.reason, (change.name, change.value)
+        assert len(answer.reason.splitlines()) <= 1
+    # What was taken is in force: all of it can be set again at once, also on another node.
+    for each in (node, twin):
+        mutable = [node.get_parameter(key) for key, field in table(node.declared).items()
+                   if field.mutable]
+        answer = each.set_parameters_atomically(mutable)
+        assert answer.successful, answer.reason
+
+
+def serve(node, kind, *changes):
+    """Return the answer of a service to changes, as messages, and the processor time [s]."""
+    [service] = [each for each in node.services if each.srv_type is kind]
+    begun = time.thread_time()
+    answer = service.callback(kind.Request(parameters=changes), kind.Response())
+    return answer, time.thread_time() - begun
+
+
+def change(name, value):
+    return Parameter(name, value=value).to_parameter_msg()
+
+
+def test_requests_that_are_too_long_are_refused_at_once(graph):
+    node = host(graph, 'allocator')
+    for size, time_max in ((10_000, 0.05), (100_000, 0.03), (2_000_000, 0.3)):
+        message = change('rotors.health', [1.0] * size)
+        for kind in (SetParameters, SetParametersAtomically):
+            answer, taken = serve(node, kind, message)
+            result = answer.results[0] if kind is SetParameters else answer.result
+            assert not result.successful
+            assert result.reason.startswith('rotors.health: ')
+            assert taken < time_max
+    answer, taken = serve(node, SetParameters, *[change('rotors.health', 1.0)] * 100_000)
+    assert not any(result.successful for result in answer.results)
+
+
+def test_a_name_twice_and_a_type_that_is_none_are_refused_with_the_reason(graph):
+    node = host(graph, 'allocator')
+    twice = change('rotors.health', -1.0), change('rotors.health', 0.4)
+    answer, _ = serve(node, SetParametersAtomically, *twice)
+    assert answer.result.reason == 'rotors.health: given twice in one request'
+    result = node.set_parameters_atomically(
+        [Parameter('rotors.health', value=share) for share in (-1.0, 0.4)])
+    assert not result.successful
+    assert node.get_parameter('rotors.health').value == 1.0
+    wrong = change('rotors.health', 1.0)
+    wrong.value.type = 99
+    for kind in (SetParameters, SetParametersAtomically):
+        answer, _ = serve(node, kind, wrong)
+        result = answer.results[0] if kind is SetParameters else answer.result
+        assert result.reason == 'rotors.health: 99 is no type of a parameter'
+    answer, _ = serve(node, SetParametersAtomically, change('no.such', 1.0))
+    assert "'no.such'" in answer.result.reason
+
+
+def test_wrong_values_of_methods_that_are_not_in_use_are_refused(graph):
+    node, name = host(graph, 'allocator'), 'allocation.conventional.weight'
+    [result] = node.set_parameters([Parameter(name, value=[1.0, 1.0])])
+    assert not result.successful
+    assert name in result.reason
+    [result] = node.set_parameters([Parameter(name, value=[1.0] * 6)])
+    assert result.successful, result.reason
+    with pytest.raises(ParameterError, match='conventional'):
+        host(graph, 'allocator', '-r', '__ns:=/other', '-p', f'{name}:=[1.0, 1.0]')
+
+
+def spin_a_while(executor):
+    for _ in range(100):
+        executor.spin_once(timeout_sec=0.1)
+
+
+def test_an_executor_that_cannot_run_a_node_is_refused_with_the_reason(graph):
+    events = pytest.importorskip('rclpy.experimental').EventsExecutor
+    node = AllocatorNode(context=graph.context, use_global_arguments=False, parameter_overrides=[
+        Parameter(key, value=value)
+        for key, value in file_values('hexarotor', kind=AllocatorNode.declared).items()])
+    executor = events(context=graph.context)
+    try:
+        executor.add_node(node)
+        with pytest.raises(RuntimeError, match='EventsExecutor of rclpy fails'):
+            spin_a_while(executor)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
 
 
 # Under load

@@ -1,8 +1,8 @@
 """The settings of allocation: the method, and a group of settings for each method."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from ca_ros.allocation import (
@@ -96,6 +96,34 @@ def full_names(settings: MethodSettings) -> Iterator[None]:
         named = any(str(error).startswith((f'{name}:', f'{name}[')) for name in names)
         place = f'allocation.{group_name(settings.method)}.' if named else ''
         raise ParameterError(f'{place}{error}') from None
+
+
+def check_other_methods(
+    settings: MethodSettings, problem: AllocationProblem, present: MethodSettings | None = None
+) -> None:
+    """Check the settings of methods that are not in use, as far as they differ from the present.
+
+    Without `present`, those that are not the defaults are checked.  Raises a ParameterError if a
+    method cannot be made with its settings, although it can with the defaults.
+    """
+    for method in ALLOCATORS:
+        given = settings.of(method)
+        if method == settings.method or given == (
+                type(given)() if present is None else present.of(method)):
+            continue
+        try:
+            allocator_of(replace(settings, method=method), problem)
+        except ParameterError:
+            if _can_be_made(ALLOCATORS[method], problem):
+                raise
+
+
+def _can_be_made(kind: type[Allocator], problem: AllocationProblem) -> bool:
+    """Tell whether a method can be made for a problem with its default settings."""
+    with suppress(ValueError):
+        allocator_with(kind, problem, kind.settings_type()())
+        return True
+    return False
 
 
 def allocator_of(settings: MethodSettings, problem: AllocationProblem) -> Allocator:

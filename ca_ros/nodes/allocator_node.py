@@ -15,6 +15,7 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros.allocation import ALLOCATORS, Allocation, Status
+from ca_ros.allocation.settings import check_other_methods
 from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
 from ca_ros.nodes import messages, topics
@@ -135,6 +136,10 @@ class AllocatorNode(Node):
         begun = perf_counter()
         made = self.made_type(settings, report)
         self._durations.setdefault(method, perf_counter() - begun)
+        present = None if before is None else self.parameters.settings
+        if present is not settings:
+            others = None if present is None else present.allocation
+            check_other_methods(settings.allocation, made.method.problem, others)
         return made
 
     def _adopt(self) -> None:

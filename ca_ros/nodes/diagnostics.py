@@ -90,6 +90,12 @@ class Diagnostics:
         return True
 
     def _tick(self) -> None:
+        if type(self._node.executor).__name__ == 'EventsExecutor':
+            raise RuntimeError(
+                f'{self._node.get_name()}: EventsExecutor of rclpy fails where a callback takes '
+                'the information about a message, which tells lost ones: use '
+                'ca_ros.nodes.executor.Executor or SingleThreadedExecutor'
+            )
         now = monotonic()
         for chore in self._chores:
             chore()

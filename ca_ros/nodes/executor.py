@@ -3,13 +3,11 @@
 import warnings
 from typing import Any
 
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy import executors
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.task import Future, Task
 from rclpy.time import Time
 from rclpy.utilities import timeout_sec_to_nsec
@@ -107,8 +105,7 @@ class Executor(executors.Executor):
             request, header = service.handle.service_take_request(kind.Request)
             if header is not None:
                 response = kind.Response()
-                if self._convertible(node, kind, request):
-                    response = service.callback(request, response)
+                response = service.callback(request, response)
                 with warnings.catch_warnings(record=True) as late:
                     warnings.simplefilter('always')
                     service.send_response(response, header)
@@ -132,9 +129,6 @@ class Executor(executors.Executor):
         try:
             if isinstance(message, ClockMessage):
                 Time.from_msg(message.clock)
-            elif kind in (SetParameters, SetParametersAtomically):
-                for parameter in message.parameters:
-                    Parameter.from_parameter_msg(parameter)
         except ValueError as error:
             self._warn(node, f'dropped: {kind.__name__}: {error}')
             return False

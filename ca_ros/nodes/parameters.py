@@ -1,6 +1,7 @@
 """The parameters of a node are settings; a change takes effect completely or not at all."""
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from math import isfinite
 from traceback import format_exc
 from typing import Any
@@ -9,8 +10,11 @@ from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
+    ParameterType,
     SetParametersResult,
 )
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -20,6 +24,7 @@ from ca_ros.nodes.settings import FileSettings, with_own_methods
 from ca_ros.settings import (
     Field,
     MissingParameterError,
+    ParameterError,
     Settings,
     check_given,
     flat,
@@ -42,6 +47,12 @@ def descriptor(field: Field) -> ParameterDescriptor:
         else:
             found.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     return found
+
+
+NUMBERS_MAX = 10_000
+"""Entries of the arrays of a request: 100 rotors have as many in a matrix, checked in 10 ms."""
+
+CONTRACT = 'without effect: the qualities of service are part of the contract (docs/topics.md)'
 
 
 class Parameters:
@@ -86,14 +97,21 @@ class Parameters:
         for name, field in self._fields.items():
             node.declare_parameter(name, values[name], descriptor(field), ignore_override=True)
         # Files from `ros2 param dump` also have rclpy's own parameters.
-        self.unknown = [
-            name for name in given if not (name in names or node.has_parameter(name))
-            and not name.startswith('qos_overrides.')
-        ]
+        others = [name for name in given if not (name in names or node.has_parameter(name))]
+        self.unknown = [name for name in others if not name.startswith('qos_overrides.')]
         if self.unknown:
             listed = ', '.join(self.unknown)
             node.get_logger().warning(f'no parameters of this node: {listed}')
+        for name in {*others} - {*self.unknown}:
+            # Those are rclpy's own, which reads them when it subscribes.
+            if not name.startswith(('qos_overrides./clock.', 'qos_overrides./parameter_events.')):
+                node.get_logger().warning(f'{name}: {CONTRACT}')
         self._prepared: tuple[Any, Any] | None = None
+        for service in node.services:
+            if service.srv_type is SetParameters:
+                service.callback = self._set_each
+            elif service.srv_type is SetParametersAtomically:
+                service.callback = self._set_all
 
     def on_change(
         self, prepare: Callable[[Any], Any], adopt: Callable[[Any], None] = lambda _: None
@@ -108,6 +126,38 @@ class Parameters:
         self._node.add_on_set_parameters_callback(self._check)
         self._node.add_post_set_parameters_callback(self._take_over)
 
+    def _set_each(
+        self, request: SetParameters.Request, response: SetParameters.Response
+    ) -> SetParameters.Response:
+        """Set one parameter after the other, as rclpy does, unless the request is refused."""
+        parameters, known = request.parameters, len(self._fields)
+        reason = ''
+        if len(parameters) > 2 * known:
+            reason = f'{len(parameters)} parameters in one request, of {known}'
+        # The bound counts for all of them, since the node does nothing else meanwhile.
+        reason = reason or too_many(parameters)
+        response.results = [
+            SetParametersResult(successful=False, reason=reason) if reason else self._set([each])
+            for each in parameters
+        ]
+        return response
+
+    def _set_all(
+        self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
+    ) -> SetParametersAtomically.Response:
+        """Set all parameters or none, as rclpy does, unless the request is refused."""
+        response.result = self._set(request.parameters)
+        return response
+
+    def _set(self, parameters: Sequence[ParameterMessage]) -> SetParametersResult:
+        if reason := refusal(parameters):
+            return SetParametersResult(successful=False, reason=reason)
+        changes = [Parameter.from_parameter_msg(each) for each in parameters]
+        try:
+            return self._node.set_parameters_atomically(changes)
+        except ParameterNotDeclaredException as error:
+            return SetParametersResult(successful=False, reason=str(error))
+
     def _name_unknown(self, changes: list[Parameter]) -> list[Parameter]:
         """Raise a ParameterNotDeclaredException that, unlike rclpy's, names what it is about."""
         unknown = [each.name for each in changes if not self._node.has_parameter(each.name)]
@@ -118,17 +168,19 @@ class Parameters:
     def _check(self, changes: Sequence[Parameter]) -> SetParametersResult:
         self._prepared = None
         given = {each.name: each.value for each in changes if each.name in self._fields}
+        if reason := refusal(each.to_parameter_msg() for each in changes):
+            return SetParametersResult(successful=False, reason=reason)
         if not given:
             return SetParametersResult(successful=True)
         try:
             settings = read(self._declared, {**flat(self.settings), **given})
             self._prepared = settings, self._prepare(settings)
-        except ValueError as error:
+        except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
         except Exception as error:
             # What is built may be anybody's.
             self._node.get_logger().error(format_exc())
-            reason = f'{type(error).__name__}: {error}'
+            reason = f'{", ".join(given)}: {type(error).__name__}: {error}'
             return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
 
@@ -137,3 +189,36 @@ class Parameters:
             self.settings, prepared = self._prepared
             self._prepared = None
             self._adopt(prepared)
+
+
+ARRAYS = {
+    ParameterType.PARAMETER_BYTE_ARRAY: 'byte_array_value',
+    ParameterType.PARAMETER_BOOL_ARRAY: 'bool_array_value',
+    ParameterType.PARAMETER_INTEGER_ARRAY: 'integer_array_value',
+    ParameterType.PARAMETER_DOUBLE_ARRAY: 'double_array_value',
+    ParameterType.PARAMETER_STRING_ARRAY: 'string_array_value',
+}
+TYPES = range(ParameterType.PARAMETER_NOT_SET, ParameterType.PARAMETER_STRING_ARRAY + 1)
+
+
+def too_many(parameters: Iterable[ParameterMessage]) -> str:
+    """Return why the arrays of a request are too long; empty if they are not."""
+    sizes = {
+        each.name: len(getattr(each.value, ARRAYS[each.value.type]))
+        for each in parameters if each.value.type in ARRAYS
+    }
+    if sum(sizes.values()) <= NUMBERS_MAX:
+        return ''
+    name = max(sizes, key=lambda each: sizes[each])
+    return f'{name}: {sizes[name]} values: expected up to {NUMBERS_MAX} in one request'
+
+
+def refusal(parameters: Iterable[ParameterMessage]) -> str:
+    """Return why parameters are not set that are to be set together, before they are read."""
+    parameters = list(parameters)
+    for each in parameters:
+        if each.value.type not in TYPES:
+            return f'{each.name}: {each.value.type} is no type of a parameter'
+    names = Counter(each.name for each in parameters)
+    twice = [name for name, times in names.items() if times > 1]
+    return f'{twice[0]}: given twice in one request' if twice else too_many(parameters)
