@@ -3,8 +3,12 @@
 import os
 import signal
 import sys
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
 
 import pytest
+
+ROOT = Path(__file__).parents[1]
 
 # Before numpy, rclpy and the messages are imported, which read some of it only then.
 os.environ |= {
@@ -14,6 +18,21 @@ os.environ |= {
     'ROS_PYTHON_CHECK_FIELDS': '1',
     'CA_ROS_TEST_DEADLINE': '240',
 }
+
+
+
+def kernel_in(folder):
+    """Return whether a folder has the package with its kernel."""
+    kernel = folder / 'ca_ros' / 'kernel'
+    return any((kernel / f'_double{suffix}').is_file() for suffix in EXTENSION_SUFFIXES)
+
+
+# colcon builds the kernel where it installs the package, and starts the tests among the sources:
+# these come last then, for this process and for those that it starts.
+installed = [path for path in sys.path if path and Path(path).resolve() != ROOT]
+if not kernel_in(ROOT) and any(kernel_in(Path(path)) for path in installed):
+    sys.path[:] = [*installed, str(ROOT)]
+    os.environ['PYTHONSAFEPATH'] = '1'
 
 # Otherwise each process of the tests compiles all that it imports, if the installer has not.
 os.environ.pop('PYTHONDONTWRITEBYTECODE', None)
