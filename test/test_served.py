@@ -3,10 +3,15 @@
 Vehicles, orders and wrenches are drawn anew for each seed.
 """
 
+from copy import copy
+
 import numpy as np
 import pytest
 
 from ca_ros import Status, Vehicle, make_allocator
+from ca_ros.allocation.exact_engines import kernel_for
+from ca_ros.allocation.exact_settings import ExactSettings
+from ca_ros.kernel import load
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.settings import AXES
 from strategies import build, length, need_kernel, random_vehicle, ring, tilted_axes
@@ -86,3 +91,51 @@ def test_mirrored_wrenches_get_mirrored_thrusts():
         thrusts = exact.allocate([9.81, 0.0, pitch, 0.0]).thrusts
         np.testing.assert_allclose(thrusts, thrusts[[0, 5, 4, 3, 2, 1]], atol=1e-12)
         np.testing.assert_allclose(thrusts[[1, 2]], [2.434, 0.451], atol=1e-3)
+
+
+def served_by(problem, settings, wrenches, precision, rounded=False):
+    """Return the wrenches that a kernel serves; `rounded`: with Gamma in single precision."""
+    dtype = np.float32 if precision == 'single' else np.float64
+    given = problem
+    if rounded:
+        given = copy(problem)
+        given.gamma = problem.gamma.astype(np.float32).astype(float)
+    kernel = kernel_for(load(precision), given, settings, dtype)
+    thrusts, levels = np.empty((len(wrenches), problem.n), dtype), np.empty(len(wrenches), dtype)
+    status = np.empty(len(wrenches), np.int8)
+    kernel.allocate_batch(wrenches.astype(dtype), thrusts, status, levels, None)
+    assert not np.any(status == Status.INEXACT)
+    return thrusts @ problem.gamma.T
+
+
+@pytest.mark.parametrize('seed', range(length(24, 200, 2000)))
+def test_single_precision_serves_what_double_precision_does(seed):
+    rng = np.random.default_rng(seed)
+    problem = drawn_problem(rng)
+    settings = ExactSettings(**drawn_options(rng, problem))
+    wrenches = drawn_wrenches(rng, problem, length(2000, 5000)).astype(np.float32).astype(float)
+    served = served_by(problem, settings, wrenches, 'double')
+
+    def apart(found, of=slice(None)):
+        return (np.abs(found - served[of]) / problem.extent).max(axis=1)
+
+    off = np.flatnonzero(apart(served_by(problem, settings, wrenches, 'single')) > 1e-3)
+    # Where double precision itself moves, be it for changes of 1e-6, single precision may, too.
+    for _ in range(20 if len(off) else 0):
+        change = rng.choice([-1.0, 1.0], (len(off), len(problem.axes))) * problem.extent
+        near = wrenches[off] + 1e-6 * rng.uniform(0.1, 1.0, (len(off), 1)) * change
+        off = off[apart(served_by(problem, settings, near, 'double'), off) <= 1e-3]
+    # So it may where it moves if Gamma alone is rounded.
+    if len(off):
+        rounded = served_by(problem, settings, wrenches[off], 'double', rounded=True)
+        off = off[apart(rounded, off) <= 1e-3]
+    assert not len(off), wrenches[off]
+
+
+def test_single_precision_does_not_chatter_with_a_rotor_lost():
+    vehicle = Vehicle.load('hexarotor').with_health([1.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    problem = audit(vehicle).independent
+    u = np.array([-9.635369300842285, 0.00590366218239069, -4.715278625488281, 0.1343390941619873])
+    wrenches = u + 1e-5 * np.arange(-20, 21)[:, None] * [0.0, 0.0, 1.0, 0.0]
+    thrust = served_by(problem, ExactSettings(), wrenches, 'single')[:, 0]
+    np.testing.assert_allclose(thrust, 4.21, atol=0.01)

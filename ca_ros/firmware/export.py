@@ -25,7 +25,7 @@ from ca_ros.settings import ParameterError
 
 KERNEL_FILES = (
     *('exact.h', 'problem.h', 'least_norm.h', 'priorities.h', 'numbers.h'),
-    *('exact.c', 'least_norm.c', 'priorities.c', 'explanation.c'),
+    *('exact.c', 'least_norm.c', 'priorities.c', 'priorities_wide.c', 'explanation.c'),
 )
 TILTING_FILES = (
     'vectored.h', 'problem.h', 'numbers.h', 'vectored.c', 'vectored_priorities.c',

@@ -125,6 +125,9 @@ class Bounds(NamedTuple):
                 variables += 1 + 2 * size
                 turns.append(variables)
             turns += [variables] * size
+        if firmware.single:
+            # A second run in double precision begins in the middle, before the line.
+            turns += [*turns, *[n + m + 1] * sizes[0]]
         pivots = sum(1 + constant('PIVOTS_PER_VARIABLE') * count for count in turns)
         return cls(steps, pivots)
 

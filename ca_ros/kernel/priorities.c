@@ -11,29 +11,54 @@
 
 #include <string.h>
 
+/* The type of the numbers here. In single precision this file is compiled twice: in single precision,
+ * and by priorities_wide.c in double precision, for the set-up and for wrenches for which rounding
+ * errors of single precision could decide. The problem is in single precision all the same, so that
+ * rates that are zero in an unrounded problem are up to about 1e-7. */
+#ifdef CA_WIDE
+typedef double real;
+#define WIDE 1
+#define SETS_UP 1
+#define SERVE ca_serve_wide
+#define real_abs fabs
+#define CHOOSE(in_double, in_float, in_wide) ((real)(in_wide))
+#else
+typedef ca_real real;
+#define WIDE 0
+#define SETS_UP CA_CHOOSE_INT(1, 0)
+#define SERVE ca_serve
+#define real_abs ca_abs
+#define CHOOSE(in_double, in_float, in_wide) CA_CHOOSE(in_double, in_float)
+#endif
+#define REAL(x) ((real)(x))
+#define UNBOUNDED REAL(CA_UNBOUNDED)
+
 /* Rate below which a variable does not depend on another; rates are of the order of 1. */
-#define ZERO CA_CHOOSE(1e-8, 1e-5)
+#define ZERO CHOOSE(1e-8, 1e-6, 1e-6)
 /* Rate below which it is a rounding error. */
-#define NOISE CA_CHOOSE(1e-13, 1e-5)
+#define NOISE CHOOSE(1e-13, 1e-6, 1e-6)
+/* Rate below which it could be a rounding error that pivots have magnified: if one decides, another
+ * run in double precision is to answer. */
+#define UNCLEAR CHOOSE(0, 3e-3, 0)
 /* Distance by which rounding may move a variable out of its bounds. */
-#define SLACK CA_CHOOSE(1e-12, 1e-6)
+#define SLACK CHOOSE(1e-12, 1e-6, 1e-7)
 /* Rate below which a variable does not block a move. */
-#define STILL CA_CHOOSE(1e-9, 1e-5)
+#define STILL CHOOSE(1e-9, 1e-6, 1e-6)
 /* Bound of the pivots of one push, per variable. */
 #define PIVOTS_PER_VARIABLE 8
 /* Greatest share of the way to the boundary of the set where a line may begin. */
-#define INSIDE CA_REAL(0.99)
+#define INSIDE REAL(0.99)
 /* Distance from the reference, as a share of an axis's range, that counts as none. */
-#define REST CA_CHOOSE(1e-9, 1e-5)
+#define REST CHOOSE(1e-9, 1e-6, 1e-6)
 /* Least weight of an axis in its group, as a share of its range. */
-#define LAG CA_REAL(1e-3)
+#define LAG REAL(1e-3)
 /* Least weight of an axis in its group, relative to the greatest. */
-#define LAG_RATIO CA_REAL(1e-6)
+#define LAG_RATIO REAL(1e-6)
 /* A demand counts as served within DOUBT times the error estimate of the simplex method. */
-#define DOUBT CA_CHOOSE(10, 1)
+#define DOUBT CHOOSE(10, 1, 1)
 
 /* Rate below which two facets are almost parallel. */
-#define PARALLEL CA_REAL(1e-3)
+#define PARALLEL REAL(1e-3)
 
 /* The first group adds two variables at most. Each later group of several axes adds one, and two more
  * for each of its axes. */
@@ -47,25 +72,38 @@
 typedef struct {
     int rows, columns, all_columns, count;
     int variable[ROWS + COLUMNS], place[VARIABLES];
-    ca_real value[ROWS + COLUMNS], lower[ROWS + COLUMNS], upper[ROWS + COLUMNS];
-    ca_real rates[ROWS][COLUMNS];
+    real value[ROWS + COLUMNS], lower[ROWS + COLUMNS], upper[ROWS + COLUMNS];
+    real rates[ROWS][COLUMNS];
     /* Bound of the distance that pushes may have missed because of rounding. */
-    ca_real doubt;
+    real doubt;
     int pivots;
+    /* Whether a rate below UNCLEAR has decided; the pushes after it do nothing. */
+    int unclear;
     /* Whether a thrust is at its bound in all solutions, and the least rate that proves it. */
     int held[CA_N];
-    ca_real least_rate;
+    real least_rate;
     int thrusts;
     /* Whether a variable that is pushed may not move away later. */
     int final;
 } simplex;
 
-static ca_real value_of(const simplex *s, int v)
+static inline real real_min(real a, real b) { return a < b ? a : b; }
+static inline real real_max(real a, real b) { return a > b ? a : b; }
+
+static inline real real_clip(real x, real lower, real upper)
+{
+    return real_min(real_max(x, lower), upper);
+}
+
+/* See `ca_equal`. */
+static inline int real_equal(real a, real b) { return a <= b && a >= b; }
+
+static real value_of(const simplex *s, int v)
 {
     return s->value[s->place[v]];
 }
 
-static void put(simplex *s, int place, int v, ca_real value, ca_real lower, ca_real upper)
+static void put(simplex *s, int place, int v, real value, real lower, real upper)
 {
     s->variable[place] = v;
     s->place[v] = place;
@@ -77,7 +115,7 @@ static void put(simplex *s, int place, int v, ca_real value, ca_real lower, ca_r
 static void swap(simplex *s, int a, int b)
 {
     const int v = s->variable[a];
-    const ca_real value = s->value[a], lower = s->lower[a], upper = s->upper[a];
+    const real value = s->value[a], lower = s->lower[a], upper = s->upper[a];
     put(s, a, s->variable[b], s->value[b], s->lower[b], s->upper[b]);
     put(s, b, v, value, lower, upper);
 }
@@ -85,17 +123,17 @@ static void swap(simplex *s, int a, int b)
 /* Exchange the basic variable of row r and nonbasic variable k. */
 static void exchange(simplex *s, int r, int k)
 {
-    ca_real *row = s->rates[r];
-    const ca_real inverse = 1 / row[k];
+    real *row = s->rates[r];
+    const real inverse = 1 / row[k];
     const int columns = s->columns;
-    s->doubt = ca_max(s->doubt, SLACK * ca_abs(inverse));
+    s->doubt = real_max(s->doubt, SLACK * real_abs(inverse));
     for (int j = 0; j < columns; j++)
         row[j] *= -inverse;
     row[k] = inverse;
     for (int i = 0; i < s->rows; i++) {
-        ca_real *other = s->rates[i];
-        const ca_real factor = other[k];
-        if (i == r || ca_equal(factor, 0))
+        real *other = s->rates[i];
+        const real factor = other[k];
+        if (i == r || real_equal(factor, 0))
             continue;
         other[k] = 0;
         for (int j = 0; j < columns; j++)
@@ -117,7 +155,7 @@ static void drop(simplex *s, int k)
 }
 
 /* Add a nonbasic variable; returns its column, whose rates are not set. */
-static int add_column(simplex *s, ca_real value, ca_real upper)
+static int add_column(simplex *s, real value, real upper)
 {
     const int k = s->columns++, end = ROWS + s->all_columns++;
     if (ROWS + k < end)
@@ -130,15 +168,15 @@ static int add_column(simplex *s, ca_real value, ca_real upper)
 /* Move nonbasic variable k by `way`, at most to the first bound that blocks it. Returns whether the
  * move was completed; `blocked` is the row of the variable that blocks, or -1. The variable of row
  * `target` does not block. If there is a target, the bounds of k itself do. */
-static int move(simplex *s, int k, ca_real way, int target, int *blocked)
+static int move(simplex *s, int k, real way, int target, int *blocked)
 {
     const int x = ROWS + k;
-    const ca_real sign = way > 0 ? CA_REAL(1) : CA_REAL(-1);
-    ca_real length = ca_abs(way), room[ROWS], speed[ROWS];
+    const real sign = way > 0 ? REAL(1) : REAL(-1);
+    real length = real_abs(way), room[ROWS], speed[ROWS];
     int row[ROWS], near = 0, reached = 1;
     *blocked = -1;
     if (target >= 0) {
-        const ca_real own = way > 0 ? s->upper[x] - s->value[x] : s->value[x] - s->lower[x];
+        const real own = way > 0 ? s->upper[x] - s->value[x] : s->value[x] - s->lower[x];
         if (own < length) {
             length = own;
             reached = 0;
@@ -146,21 +184,21 @@ static int move(simplex *s, int k, ca_real way, int target, int *blocked)
     }
     /* Harris's ratio test: bounds may be exceeded by rounding errors, so that of the variables that
      * block almost together the fastest one, the best pivot, leaves the basis. */
-    ca_real furthest = length;
+    real furthest = length;
     for (int r = 0; r < s->rows; r++) {
-        const ca_real rate = sign * s->rates[r][k], size = ca_abs(rate);
+        const real rate = sign * s->rates[r][k], size = real_abs(rate);
         if (r == target || size < STILL)
             continue;
-        const ca_real left = rate > 0 ? s->upper[r] - s->value[r] : s->value[r] - s->lower[r];
+        const real left = rate > 0 ? s->upper[r] - s->value[r] : s->value[r] - s->lower[r];
         if (left < size * furthest) {
             row[near] = r;
-            room[near] = ca_max(left, 0);
+            room[near] = real_max(left, 0);
             speed[near] = size;
-            furthest = ca_min(furthest, (room[near++] + SLACK) / size);
+            furthest = real_min(furthest, (room[near++] + SLACK) / size);
         }
     }
     if (furthest < length) {
-        ca_real fastest = 0;
+        real fastest = 0;
         int first = 0;
         for (int i = 0; i < near; i++)
             if (speed[i] > fastest && room[i] <= speed[i] * furthest) {
@@ -168,10 +206,11 @@ static int move(simplex *s, int k, ca_real way, int target, int *blocked)
                 first = i;
             }
         *blocked = row[first];
-        length = ca_min(room[first] / speed[first], length);
+        s->unclear = s->unclear || fastest < UNCLEAR;
+        length = real_min(room[first] / speed[first], length);
         reached = 0;
     }
-    const ca_real step = sign * length;
+    const real step = sign * length;
     s->value[x] += step;
     for (int r = 0; r < s->rows; r++)
         s->value[r] += step * s->rates[r][k];
@@ -190,30 +229,30 @@ static int can_move(const simplex *s, int place, int up)
 }
 
 /* The variable of row r cannot move any further: note what proves it. */
-static void prove(simplex *s, int r, ca_real left)
+static void prove(simplex *s, int r, real left)
 {
     for (int j = 0; j < s->columns; j++) {
-        const ca_real rate = s->rates[r][j], size = ca_abs(rate);
+        const real rate = s->rates[r][j], size = real_abs(rate);
         const int x = s->variable[ROWS + j];
-        const ca_real value = s->value[ROWS + j], lower = s->lower[ROWS + j],
+        const real value = s->value[ROWS + j], lower = s->lower[ROWS + j],
                       upper = s->upper[ROWS + j];
         if (s->final && size > NOISE && x < s->thrusts && lower < upper)
-            s->least_rate = ca_min(s->least_rate, size);
+            s->least_rate = real_min(s->least_rate, size);
         if (size > ZERO) {
             if (s->final && x < s->thrusts)
                 s->held[x] = 1;
         } else if (size > 0) {
-            s->doubt += size * ca_min(rate * left > 0 ? upper - value : value - lower, 2);
+            s->doubt += size * real_min(rate * left > 0 ? upper - value : value - lower, 2);
         }
     }
 }
 
 /* Move variable v towards a goal, as far as the bounds of the others allow. Returns whether v has
  * reached the goal. */
-static int approach(simplex *s, int v, ca_real goal)
+static int approach(simplex *s, int v, real goal)
 {
     int blocked, place = s->place[v];
-    if (ca_equal(s->value[place], goal))
+    if (real_equal(s->value[place], goal))
         return 1;
     if (place >= ROWS + s->columns || (place >= ROWS && !(s->lower[place] < s->upper[place])))
         return 0;
@@ -225,12 +264,12 @@ static int approach(simplex *s, int v, ca_real goal)
         exchange(s, blocked, place - ROWS);
     }
     const int r = s->place[v];
-    for (int pivot = 0; pivot < PIVOTS_PER_VARIABLE * s->count; pivot++) {
-        const ca_real left = goal - s->value[r];
-        ca_real best = ZERO;
+    for (int pivot = 0; pivot < PIVOTS_PER_VARIABLE * s->count && !s->unclear; pivot++) {
+        const real left = goal - s->value[r];
+        real best = ZERO;
         int k = -1;
         for (int j = 0; j < s->columns; j++) {
-            const ca_real rate = s->rates[r][j], size = ca_abs(rate);
+            const real rate = s->rates[r][j], size = real_abs(rate);
             if (size > best && can_move(s, ROWS + j, (rate > 0) == (left > 0))) {
                 best = size;
                 k = j;
@@ -243,6 +282,7 @@ static int approach(simplex *s, int v, ca_real goal)
             prove(s, r, left);
             return 0;
         }
+        s->unclear = s->unclear || best < UNCLEAR;
         if (move(s, k, left / s->rates[r][k], r, &blocked)) {
             s->value[r] = goal;
             return 1;
@@ -257,16 +297,16 @@ static int approach(simplex *s, int v, ca_real goal)
 }
 
 /* Later moves never move v away from its goal again. */
-static void hold(simplex *s, int v, ca_real goal)
+static void hold(simplex *s, int v, real goal)
 {
     const int place = s->place[v];
-    s->lower[place] = ca_min(s->value[place], goal);
-    s->upper[place] = ca_max(s->value[place], goal);
-    if (place >= ROWS && place < ROWS + s->columns && ca_equal(s->value[place], goal))
+    s->lower[place] = real_min(s->value[place], goal);
+    s->upper[place] = real_max(s->value[place], goal);
+    if (place >= ROWS && place < ROWS + s->columns && real_equal(s->value[place], goal))
         drop(s, place - ROWS);
 }
 
-static void push(simplex *s, int v, ca_real goal)
+static void push(simplex *s, int v, real goal)
 {
     approach(s, v, goal);
     hold(s, v, goal);
@@ -276,7 +316,7 @@ static void push(simplex *s, int v, ca_real goal)
 static void release(simplex *s, int v)
 {
     const int r = s->place[v];
-    ca_real greatest = -1;
+    real greatest = -1;
     int pivot = 0;
     s->lower[r] = s->upper[r] = s->value[r];
     if (r >= ROWS)
@@ -284,24 +324,25 @@ static void release(simplex *s, int v)
     for (int j = 0; j < s->columns; j++) {
         const int x = ROWS + j;
         /* A thrust whose bounds have met is the last choice. */
-        const ca_real weight = s->lower[x] < s->upper[x]       ? CA_REAL(1)
-                               : s->variable[x] < s->thrusts ? CA_REAL(1e-6)
+        const real weight = s->lower[x] < s->upper[x]       ? REAL(1)
+                               : s->variable[x] < s->thrusts ? REAL(1e-6)
                                                              : 0;
-        const ca_real size = weight * ca_abs(s->rates[r][j]);
+        const real size = weight * real_abs(s->rates[r][j]);
         if (size > greatest) {
             greatest = size;
             pivot = j;
         }
     }
+    s->unclear = s->unclear || greatest < UNCLEAR;
     exchange(s, r, pivot);
 }
 
 /* Add a variable, the distance that nonbasic variables move together along a line. */
-static int add_ray(simplex *s, int count, const int *variables, const ca_real *direction)
+static int add_ray(simplex *s, int count, const int *variables, const real *direction)
 {
-    const int k = add_column(s, 0, CA_UNBOUNDED), ray = s->variable[ROWS + k];
+    const int k = add_column(s, 0, UNBOUNDED), ray = s->variable[ROWS + k];
     for (int r = 0; r < s->rows; r++) {
-        ca_real rate = 0;
+        real rate = 0;
         for (int i = 0; i < count; i++)
             rate += direction[i] * s->rates[r][s->place[variables[i]] - ROWS];
         s->rates[r][k] = rate;
@@ -317,26 +358,26 @@ static void drop_all(simplex *s, int count, const int *variables)
 }
 
 /* Add a variable, the greatest weighted distance of some axes to their goals. */
-static int add_lag(simplex *s, int count, const int *axes, const ca_real *goals,
-                   const ca_real *weights)
+static int add_lag(simplex *s, int count, const int *axes, const real *goals,
+                   const real *weights)
 {
-    ca_real most = 0;
+    real most = 0;
     for (int i = 0; i < count; i++)
-        most = ca_max(most, ca_abs(goals[i] - value_of(s, s->thrusts + axes[i])) / weights[i]);
+        most = real_max(most, real_abs(goals[i] - value_of(s, s->thrusts + axes[i])) / weights[i]);
     const int column = add_column(s, most, most), lag = s->variable[ROWS + column];
     for (int r = 0; r < s->rows; r++)
         s->rates[r][column] = 0;
     for (int i = 0; i < count; i++) {
         const int place = s->place[s->thrusts + axes[i]];
         for (int side = 0; side < 2; side++) {
-            const ca_real weight = side ? -weights[i] : weights[i];
+            const real weight = side ? -weights[i] : weights[i];
             const int row = s->rows++;
             for (int k = 0; k < column; k++)
-                s->rates[row][k] = place < ROWS ? s->rates[place][k] : (ca_real)(place == ROWS + k);
+                s->rates[row][k] = place < ROWS ? s->rates[place][k] : (real)(place == ROWS + k);
             s->rates[row][column] = weight;
             /* The variable plus its share of the lag is at the goal or beyond, on either side. */
             put(s, row, s->count++, s->value[place] + weight * most,
-                side ? -CA_UNBOUNDED : goals[i], side ? goals[i] : CA_UNBOUNDED);
+                side ? -UNBOUNDED : goals[i], side ? goals[i] : UNBOUNDED);
         }
     }
     return lag;
@@ -349,6 +390,7 @@ static void clear(const ca_problem *p, simplex *s)
     s->columns = s->all_columns = s->thrusts = n;
     s->count = n + m;
     s->pivots = 0;
+    s->unclear = 0;
     s->least_rate = 1;
     s->final = 0;
     for (int i = 0; i < n; i++)
@@ -371,17 +413,20 @@ static void begin_in_middle(const ca_problem *p, int moved, simplex *s)
     clear(p, s);
     s->doubt = SLACK;
     for (int i = 0; i < n; i++) {
-        const ca_real middle = p->middle[i], half = p->half_range[i];
+        const real middle = (real)p->middle[i], half = (real)p->half_range[i];
         const int narrowed = moved && half > 0;
-        const ca_real low = narrowed ? (p->lower[i] - middle) / half : -1;
-        const ca_real high = narrowed ? (p->upper[i] - middle) / half : 1;
+        const real low = narrowed ? ((real)p->lower[i] - middle) / half : -1;
+        const real high = narrowed ? ((real)p->upper[i] - middle) / half : 1;
         put(s, ROWS + i, i, moved ? (low + high) / 2 : 0, low, high);
     }
     for (int k = 0; k < m; k++) {
-        for (int i = 0; i < n; i++)
-            s->rates[k][i] = p->gamma[k][i] * p->half_range[i] / p->extent[k];
-        put(s, k, n + k, moved ? ca_dot(n, s->rates[k], s->value + ROWS) : 0, -CA_UNBOUNDED,
-            CA_UNBOUNDED);
+        real value = 0;
+        for (int i = 0; i < n; i++) {
+            const real half = (real)p->half_range[i], extent = (real)p->extent[k];
+            s->rates[k][i] = (real)p->gamma[k][i] * half / extent;
+            value += s->rates[k][i] * s->value[ROWS + i];
+        }
+        put(s, k, n + k, moved ? value : 0, -UNBOUNDED, UNBOUNDED);
     }
 }
 
@@ -390,7 +435,7 @@ static void begin(const ca_problem *p, simplex *s)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
     clear(p, s);
-    s->doubt = p->doubt;
+    s->doubt = real_max(p->doubt, SLACK);
     for (int k = 0; k < m; k++) {
         put(s, k, p->basic[k], p->row_value[k], p->row_lower[k], p->row_upper[k]);
         for (int i = 0; i < n; i++)
@@ -401,25 +446,27 @@ static void begin(const ca_problem *p, simplex *s)
             p->column_upper[i]);
 }
 
+#if SETS_UP
 static void keep(const simplex *s, ca_problem *p)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
-    p->doubt = s->doubt;
+    p->doubt = (ca_real)s->doubt;
     for (int k = 0; k < m; k++) {
         p->basic[k] = s->variable[k];
-        p->row_value[k] = s->value[k];
-        p->row_lower[k] = s->lower[k];
-        p->row_upper[k] = s->upper[k];
+        p->row_value[k] = (ca_real)s->value[k];
+        p->row_lower[k] = (ca_real)s->lower[k];
+        p->row_upper[k] = (ca_real)s->upper[k];
         for (int i = 0; i < n; i++)
-            p->rates[k][i] = s->rates[k][i];
+            p->rates[k][i] = (ca_real)s->rates[k][i];
     }
     for (int i = 0; i < n; i++) {
         p->nonbasic[i] = s->variable[ROWS + i];
-        p->column_value[i] = s->value[ROWS + i];
-        p->column_lower[i] = s->lower[ROWS + i];
-        p->column_upper[i] = s->upper[ROWS + i];
+        p->column_value[i] = (ca_real)s->value[ROWS + i];
+        p->column_lower[i] = (ca_real)s->lower[ROWS + i];
+        p->column_upper[i] = (ca_real)s->upper[ROWS + i];
     }
 }
+#endif
 
 /* Number of axes in the group that begins at `first` in the order. */
 static int group_size(const ca_problem *p, int first)
@@ -431,27 +478,27 @@ static int group_size(const ca_problem *p, int first)
 }
 
 /* Confine a variable between two values, or between the nearest that is possible and them. */
-static void confine(simplex *s, int v, ca_real low, ca_real high)
+static void confine(simplex *s, int v, real low, real high)
 {
-    const ca_real value = value_of(s, v), nearest = ca_clip(value, low, high);
+    const real value = value_of(s, v), nearest = real_clip(value, low, high);
     approach(s, v, nearest);
     const int place = s->place[v];
-    s->lower[place] = ca_min(s->value[place], low);
-    s->upper[place] = ca_max(s->value[place], high);
+    s->lower[place] = real_min(s->value[place], low);
+    s->upper[place] = real_max(s->value[place], high);
 }
 
 /* Move some axes along a line; returns the share of it that is possible, 1 without a line. */
-static ca_real push_along(simplex *s, int ray, ca_real size)
+static real push_along(simplex *s, int ray, real size)
 {
     push(s, ray, size);
-    return ca_clip(value_of(s, ray) / size, 0, 1);
+    return real_clip(value_of(s, ray) / size, 0, 1);
 }
 
-static ca_real direction_of(int count, const ca_real *ways, ca_real *direction)
+static real direction_of(int count, const real *ways, real *direction)
 {
-    ca_real size = 0;
+    real size = 0;
     for (int i = 0; i < count; i++)
-        size = ca_max(size, ca_abs(ways[i]));
+        size = real_max(size, real_abs(ways[i]));
     if (!(size > 0))
         size = 1;
     for (int i = 0; i < count; i++)
@@ -459,42 +506,51 @@ static ca_real direction_of(int count, const ca_real *ways, ca_real *direction)
     return size;
 }
 
+/* Go where the line of the first group begins, or only towards it if the bounds have moved. */
+static void go_to_line(const ca_problem *p, int moved, simplex *s)
+{
+    const int first = group_size(p, 0);
+    begin_in_middle(p, 1, s);
+    for (int i = 0; first > 1 && i < first; i++) {
+        const int axis = p->order[i], v = CA_ROTORS(p) + axis;
+        if (!moved)
+            approach(s, v, (real)p->begin[i]);
+        release(s, v);
+    }
+}
+
 /* Serve a demand, given as scaled goals, by the scaled wrench `axes`. Returns the share of the line
  * that the first group moved along, or -1 if the bounds keep it away from the line. */
-static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *reference,
-                     int senses, simplex *s, ca_real *axes)
+static real serve(const ca_problem *p, const real *goals, const real *reference, int senses,
+                  simplex *s, real *axes)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
     const int thrust = senses ? p->thrust : -1, moved = is_narrowed(p) && !p->widened;
-    const ca_real demand = thrust < 0 ? 0 : ca_clip(goals[thrust], -1, 1);
+    const real demand = thrust < 0 ? 0 : real_clip(goals[thrust], -1, 1);
     int variables[CA_M] = {0};
-    ca_real ways[CA_M] = {0}, rest[CA_M] = {0}, share = 1, left = 0;
-    if (moved || p->widened)
-        begin_in_middle(p, 1, s);
+    real ways[CA_M] = {0}, rest[CA_M] = {0}, share = 1, left = 0;
+    /* The dictionary that is kept is in the precision of the problem. */
+    if (moved || p->widened || WIDE)
+        go_to_line(p, moved, s);
     else
         begin(p, s);
     for (int i = 0; i < m; i++)
         variables[i] = n + p->order[i];
-    for (int i = 0; (moved || p->widened) && first > 1 && i < first; i++) {
-        if (p->widened)
-            approach(s, variables[i], p->begin[i]);
-        release(s, variables[i]);
-    }
     if (thrust >= 0)
-        confine(s, n + thrust, -CA_UNBOUNDED, demand + p->rise);
+        confine(s, n + thrust, -UNBOUNDED, demand + (real)p->rise);
     s->final = 1;
     if (first == 1) {
         push(s, variables[0], goals[p->order[0]]);
     } else {
-        ca_real direction[CA_M], back[CA_M];
+        real direction[CA_M], back[CA_M];
         int homeward = -1;
         for (int i = 0; i < first; i++) {
             const int axis = p->order[i];
-            ways[i] = goals[axis] - p->begin[i];
-            rest[i] = moved ? p->begin[i] - value_of(s, variables[i]) : 0;
+            ways[i] = goals[axis] - (real)p->begin[i];
+            rest[i] = moved ? (real)p->begin[i] - value_of(s, variables[i]) : 0;
         }
-        const ca_real size = direction_of(first, ways, direction);
-        const ca_real distance = direction_of(first, rest, back);
+        const real size = direction_of(first, ways, direction);
+        const real distance = direction_of(first, rest, back);
         if (moved)
             homeward = add_ray(s, first, variables, back);
         const int length = add_ray(s, first, variables, direction);
@@ -510,23 +566,23 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
         /* Thrust rises for the others above its demand, or above what the first group needs. */
         s->final = 0;
         approach(s, n + thrust, demand);
-        confine(s, n + thrust, -CA_UNBOUNDED, demand + p->later_rise);
+        confine(s, n + thrust, -UNBOUNDED, demand + (real)p->later_rise);
     } else if (thrust >= 0) {
-        s->lower[s->place[n + thrust]] = -CA_UNBOUNDED;
-        s->upper[s->place[n + thrust]] = CA_UNBOUNDED;
+        s->lower[s->place[n + thrust]] = -UNBOUNDED;
+        s->upper[s->place[n + thrust]] = UNBOUNDED;
     }
     s->final = 1;
     for (int i = first; senses && i < m; i++) {
         const int axis = p->order[i], v = variables[i];
         if (!p->keep_sense[axis])
             continue;
-        const ca_real value = value_of(s, v), low = ca_min(goals[axis], reference[axis]),
-                      high = ca_max(goals[axis], reference[axis]),
-                      nearest = ca_clip(value, low, high);
+        const real value = value_of(s, v), low = real_min(goals[axis], reference[axis]),
+                      high = real_max(goals[axis], reference[axis]),
+                      nearest = real_clip(value, low, high);
         if (approach(s, v, nearest)) {
             const int place = s->place[v];
-            s->lower[place] = ca_max(s->lower[place], low);
-            s->upper[place] = ca_min(s->upper[place], high);
+            s->lower[place] = real_max(s->lower[place], low);
+            s->upper[place] = real_min(s->upper[place], high);
         } else {
             hold(s, v, nearest);
         }
@@ -534,15 +590,15 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
     for (int i = first; i < m;) {
         const int count = group_size(p, i);
         if (count > 1) {
-            ca_real ends[CA_M], weights[CA_M], longest = LAG;
+            real ends[CA_M], weights[CA_M], longest = LAG;
             for (int k = 0; k < count; k++) {
                 const int axis = p->order[i + k];
                 ends[k] = goals[axis];
-                weights[k] = ca_abs(goals[axis] - reference[axis]);
-                longest = ca_max(longest, weights[k]);
+                weights[k] = real_abs(goals[axis] - reference[axis]);
+                longest = real_max(longest, weights[k]);
             }
             for (int k = 0; k < count; k++)
-                weights[k] = ca_max(ca_max(weights[k], LAG) / longest, LAG_RATIO);
+                weights[k] = real_max(real_max(weights[k], LAG) / longest, LAG_RATIO);
             push(s, add_lag(s, count, p->order + i, ends, weights), 0);
         }
         for (int k = 0; k < count; k++) {
@@ -555,31 +611,32 @@ static ca_real serve(const ca_problem *p, const ca_real *goals, const ca_real *r
         axes[k] = value_of(s, n + k);
     for (int i = 0; first > 1 && i < first; i++) {
         const int axis = p->order[i];
-        axes[axis] = share >= 1 ? goals[axis] : p->begin[i] + share * ways[i];
+        axes[axis] = share >= 1 ? goals[axis] : (real)p->begin[i] + share * ways[i];
         if (left > 0)
             axes[axis] -= left * rest[i];
     }
     return left > 0 ? -1 : share;
 }
 
-static void scale(const ca_problem *p, const ca_real *u, ca_real *goals)
+static void scale(const ca_problem *p, const ca_real *u, real *goals)
 {
     for (int k = 0; k < CA_AXES(p); k++)
-        goals[k] = (u[k] - p->center[k]) / p->extent[k];
+        goals[k] = ((real)u[k] - (real)p->center[k]) / (real)p->extent[k];
 }
 
+#if SETS_UP
 void ca_priorities_set_up(ca_problem *p, int on_reference)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
     simplex s;
-    ca_real reference[CA_M] = {0}, axes[CA_M];
+    real reference[CA_M] = {0}, axes[CA_M];
 
     p->on_reference = 0;
     scale(p, p->reference, reference);
     begin_in_middle(p, 0, &s);
     if (first > 1) {
         /* The line begins at the reference, or before it if the reference is not well inside. */
-        ca_real ways[CA_M] = {0}, direction[CA_M], part = 1;
+        real ways[CA_M] = {0}, direction[CA_M], part = 1;
         int variables[CA_M] = {0};
         if (!on_reference) {
             for (int i = 0; i < first; i++) {
@@ -587,27 +644,29 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
                 ways[i] = reference[p->order[i]];
                 release(&s, variables[i]);
             }
-            const ca_real size = direction_of(first, ways, direction);
+            const real size = direction_of(first, ways, direction);
             const int length = add_ray(&s, first, variables, direction);
             drop_all(&s, first, variables);
             push(&s, length, size / INSIDE);
-            part = ca_min(1, INSIDE * value_of(&s, length) / size);
+            part = real_min(1, INSIDE * value_of(&s, length) / size);
         }
         p->on_reference = 1;
         begin_in_middle(p, 0, &s);
         for (int i = 0; i < first; i++) {
-            p->begin[i] = part * reference[p->order[i]];
-            p->on_reference = p->on_reference && ca_equal(p->begin[i], reference[p->order[i]]);
-            approach(&s, n + p->order[i], p->begin[i]);
+            const real at = reference[p->order[i]];
+            p->begin[i] = (ca_real)(part * at);
+            p->on_reference = p->on_reference && ca_equal(p->begin[i], (ca_real)at);
+            approach(&s, n + p->order[i], (real)p->begin[i]);
             release(&s, n + p->order[i]);
         }
     }
     keep(&s, p);
     serve(p, reference, reference, 0, &s, axes);
     for (int k = 0; k < m; k++)
-        if (ca_abs(axes[k] - reference[k]) > REST)
+        if (real_abs(axes[k] - reference[k]) > REST)
             p->keep_sense[k] = 0;
 }
+#endif
 
 /* A thrust that is neither held nor basic can be chosen. If there is one such thrust, choose it so
  * that the thrusts have the least norm. Returns the number of such thrusts; 2 also for more, or if
@@ -615,7 +674,7 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
 static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
 {
     const int n = CA_ROTORS(p);
-    ca_real rates[CA_N], slope = 0, curvature = 0, low = -CA_UNBOUNDED, high = CA_UNBOUNDED;
+    real rates[CA_N], slope = 0, curvature = 0, low = -UNBOUNDED, high = UNBOUNDED;
     int k = -1, clear = 1;
     for (int j = 0; j < s->columns; j++) {
         const int x = s->variable[ROWS + j];
@@ -630,52 +689,55 @@ static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
     for (int i = 0; i < n; i++)
         rates[i] = 0;
     const int chosen = s->variable[ROWS + k];
-    rates[chosen] = p->half_range[chosen];
+    rates[chosen] = (real)p->half_range[chosen];
     for (int r = 0; r < s->rows; r++) {
         const int v = s->variable[r];
         if (v < n)
-            rates[v] = p->half_range[v] * s->rates[r][k];
-        else if (ca_abs(s->rates[r][k]) > PARALLEL)
+            rates[v] = (real)p->half_range[v] * s->rates[r][k];
+        else if (real_abs(s->rates[r][k]) > PARALLEL)
             /* The thrust would move an axis that has reached its goal. */
             return 0;
         else
-            clear = clear && ca_abs(s->rates[r][k]) <= NOISE;
+            clear = clear && real_abs(s->rates[r][k]) <= NOISE;
     }
     /* Small pivots magnify rounding errors: whether this one would move an axis is not clear. */
     if (!clear)
         return 2;
     for (int i = 0; i < n; i++) {
-        const ca_real square = p->weight[i] * p->weight[i];
-        slope += square * rates[i] * (thrusts[i] - p->preferred[i]);
+        const real weight = (real)p->weight[i], square = weight * weight, f = (real)thrusts[i];
+        slope += square * rates[i] * (f - (real)p->preferred[i]);
         curvature += square * rates[i] * rates[i];
-        if (ca_abs(rates[i]) > STILL * p->half_range[i]) {
-            const ca_real down = (p->lower[i] - thrusts[i]) / rates[i];
-            const ca_real up = (p->upper[i] - thrusts[i]) / rates[i];
-            low = ca_max(low, ca_min(down, up));
-            high = ca_min(high, ca_max(down, up));
+        if (real_abs(rates[i]) > STILL * (real)p->half_range[i]) {
+            const real down = ((real)p->lower[i] - f) / rates[i];
+            const real up = ((real)p->upper[i] - f) / rates[i];
+            low = real_max(low, real_min(down, up));
+            high = real_min(high, real_max(down, up));
         }
     }
-    const ca_real step = ca_min(ca_max(-slope / curvature, low), high);
+    const real step = real_min(real_max(-slope / curvature, low), high);
     for (int i = 0; i < n; i++)
-        thrusts[i] = ca_clip(thrusts[i] + step * rates[i], p->lower[i], p->upper[i]);
+        thrusts[i] = ca_clip((ca_real)((real)thrusts[i] + step * rates[i]), p->lower[i],
+                             p->upper[i]);
     return 1;
 }
 
-void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int *pivots,
-                   int *steps)
+int SERVE(const ca_problem *p, const ca_real *u, ca_served *served, int *pivots, int *steps)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
     simplex s;
-    ca_real goals[CA_M] = {0}, reference[CA_M] = {0}, axes[CA_M], wrench[CA_M], missed[CA_M];
-    ca_real *thrusts = served->face.thrusts;
+    real goals[CA_M] = {0}, reference[CA_M] = {0}, axes[CA_M];
+    ca_real wrench[CA_M], missed[CA_M], *thrusts = served->face.thrusts;
 
     scale(p, u, goals);
     scale(p, p->reference, reference);
-    const ca_real share = serve(p, goals, reference, 1, &s, axes);
+    const real share = serve(p, goals, reference, 1, &s, axes);
     *pivots += s.pivots;
-    for (int i = 0; i < n; i++)
-        thrusts[i] = ca_clip(p->middle[i] + p->half_range[i] * value_of(&s, i), p->lower[i],
-                             p->upper[i]);
+    if (s.unclear)
+        return 0;
+    for (int i = 0; i < n; i++) {
+        const real f = (real)p->middle[i] + (real)p->half_range[i] * value_of(&s, i);
+        thrusts[i] = ca_clip((ca_real)f, p->lower[i], p->upper[i]);
+    }
     for (int i = 0; i < n; i++)
         served->face.held[i] = s.held[i];
     served->almost_parallel = s.least_rate < PARALLEL;
@@ -683,7 +745,7 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
     served->unique = choices == 0;
     served->least = choices < 2;
     for (int k = 0; k < m; k++)
-        wrench[k] = p->center[k] + p->extent[k] * axes[k];
+        wrench[k] = (ca_real)((real)p->center[k] + (real)p->extent[k] * axes[k]);
     /* The small pivots of almost symmetric vehicles lose digits. */
     ca_leave(p, wrench, thrusts, missed);
     const ca_real tolerance = CA_TOLERANCE * ca_max(1, ca_length(m, wrench));
@@ -700,14 +762,15 @@ void ca_prioritize(const ca_problem *p, const ca_real *u, ca_served *served, int
         const int axis = p->order[i];
         const ca_real way = u[axis] - p->reference[axis];
         ca_real level = 0;
-        const ca_real doubt = DOUBT * s.doubt * p->extent[axis];
+        const ca_real doubt = (ca_real)(DOUBT * s.doubt * (real)p->extent[axis]);
         if (ca_abs(served->face.wrench[axis] - u[axis]) <= ca_max(doubt, rounding))
             continue;
         served->reached = 0;
         if (i < first && first > 1 && p->on_reference && share >= 0)
-            level = share;
+            level = (ca_real)share;
         else if (ca_abs(way) > 0)
             level = ca_clip((served->face.wrench[axis] - p->reference[axis]) / way, 0, 1);
         served->level = ca_min(served->level, level);
     }
+    return 1;
 }

@@ -10,7 +10,8 @@ extern "C" {
 #endif
 
 #define ca_priorities_set_up CA_SYMBOL(ca_priorities_set_up)
-#define ca_prioritize CA_SYMBOL(ca_prioritize)
+#define ca_serve CA_SYMBOL(ca_serve)
+#define ca_serve_wide CA_SYMBOL(ca_serve_wide)
 
 /* The attainable wrench that is served for a demand. */
 typedef struct {
@@ -24,8 +25,24 @@ typedef struct {
 
 /* Set `begin` and the fields after it. */
 void ca_priorities_set_up(ca_problem *problem, int on_reference);
-void ca_prioritize(const ca_problem *problem, const ca_real *u, ca_served *served, int *pivots,
-                   int *steps);
+
+/* Serve u. In single precision `ca_serve` returns 0 and sets nothing if rounding errors could have
+ * decided; `ca_serve_wide`, in double precision and only there to answer then, returns 1. */
+int ca_serve(const ca_problem *problem, const ca_real *u, ca_served *served, int *pivots,
+             int *steps);
+int ca_serve_wide(const ca_problem *problem, const ca_real *u, ca_served *served, int *pivots,
+                  int *steps);
+
+static inline void ca_prioritize(const ca_problem *problem, const ca_real *u, ca_served *served,
+                                 int *pivots, int *steps)
+{
+#ifdef CA_FLOAT
+    if (!ca_serve(problem, u, served, pivots, steps))
+        ca_serve_wide(problem, u, served, pivots, steps);
+#else
+    ca_serve(problem, u, served, pivots, steps);
+#endif
+}
 
 #ifdef __cplusplus
 }

@@ -114,7 +114,8 @@ def build(problem: AllocationProblem, method: str, folder: Path) -> Path:
     parts = given(problem, folder)
     if method == 'kernel':
         parts += ['-DCOUNT_KERNEL', '-DCA_FLOAT', '-DCA_FIXED', f'-I{KERNEL}']
-        sources = [KERNEL / f'{name}.c' for name in ('exact', 'least_norm', 'priorities')]
+        names = 'exact', 'least_norm', 'priorities', 'priorities_wide'
+        sources = [KERNEL / f'{name}.c' for name in names]
         parts += [
             compiled(folder / f'{source.stem}.o', *KERNEL_FLAGS, *parts, '-c', source)
             for source in sources
