@@ -46,7 +46,7 @@ FAULTS = [
         'rotors.thrust_coefficient', 'rotors.torque_coefficient', 'rotors.speed_min',
         'rotors.speed_max')),
     ('rotors.positions', [0.4, 0.0], 'got 2'),
-    ('rotors.positions', [], 'got 0'),
+    ('rotors.positions', [], 'got none'),
     ('rotors.positions', [0.0] * 3 * 1001, 'up to 1000 rotors, got 1001'),
     ('vehicle.name', 'two\nlines', 'a word'),
     ('rotors.spins', ['cw', 'ccw'], '6'),

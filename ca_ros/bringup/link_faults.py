@@ -76,7 +76,10 @@ class FaultSettings(Settings):
             own: dict[str, Any] = {
                 name: float(repeated(name, getattr(self, name), len(names))[i]) for name in AMOUNTS
             }
-            own['corruptions'] = [kind for kind in LINK_CORRUPTIONS[topic] if kind in kinds]
+            if fitting := [kind for kind in LINK_CORRUPTIONS[topic] if kind in kinds]:
+                own['corruptions'] = fitting
+            else:
+                own['corrupt'] = 0.0
             found[topic] = replace(self, topics=topic, **own)
         if speeds := found.get(topics.SPEED_COMMAND.name):
             tilts = topics.TILT_COMMAND.name
@@ -104,7 +107,7 @@ class FaultSettings(Settings):
         if drop < given.drop:
             return Fate(copies=0)
         copies, delay = 1 + (duplicate < given.duplicate), given.delay + jitter * given.jitter
-        hit = corrupt < given.corrupt and bool(given.corruptions)
+        hit = corrupt < given.corrupt
         corruption = given.corruptions[int(kind * len(given.corruptions))] if hit else None
         return Fate(copies, delay, reorder < given.reorder, corruption, place)
 
