@@ -280,7 +280,8 @@ def test_a_fault_of_a_method_costs_one_command_and_a_refused_change_none(graph, 
         lambda: any('dropped: answer' in {pair.key for pair in array.status[0].values}
                     for array in client.diagnostics), 'the count')
     [result] = client.parameters.set({'rotors.health': 0.5})
-    assert (result.successful, result.reason) == (False, 'RuntimeError: no such vehicle')
+    assert (result.successful, result.reason) == (
+        False, 'rotors.health: RuntimeError: no such vehicle')
     assert client.ask(HOVER).tobytes() == client.expected.speeds.tobytes()
 
 
