@@ -157,6 +157,9 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
             return CA_BAD_NUMBER;
         p->middle[i] = (lower[i] + upper[i]) / 2;
         p->half_range[i] = (upper[i] - lower[i]) / 2;
+        /* Its inverse has to be finite. */
+        if (p->half_range[i] < 1 / CA_ABSURD)
+            p->half_range[i] = 0;
         p->greatest = ca_max(p->greatest, size);
         most[i] = ca_max(ca_abs(lower[i]), ca_abs(upper[i]));
     }
@@ -177,7 +180,7 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
             p->center[k] += entry * p->middle[i];
             p->extent[k] += ca_abs(entry * p->half_range[i]);
         }
-        if (!(p->extent[k] > 0))
+        if (p->extent[k] < 1 / CA_ABSURD)
             return CA_NO_VOLUME;
     }
     if (!span(p, 1) || !span(p, 0))

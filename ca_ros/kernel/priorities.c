@@ -133,7 +133,7 @@ static void exchange(simplex *s, int r, int k)
     for (int i = 0; i < s->rows; i++) {
         real *other = s->rates[i];
         const real factor = other[k];
-        if (i == r || real_equal(factor, 0))
+        if (i == r || !(real_abs(factor) > 0))
             continue;
         other[k] = 0;
         for (int j = 0; j < columns; j++)
@@ -197,7 +197,7 @@ static int move(simplex *s, int k, real way, int target, int *blocked)
             furthest = real_min(furthest, (room[near++] + SLACK) / size);
         }
     }
-    if (furthest < length) {
+    if (near > 0 && furthest < length) {
         real fastest = 0;
         int first = 0;
         for (int i = 0; i < near; i++)
