@@ -435,15 +435,16 @@ static void begin(const ca_problem *p, simplex *s)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
     clear(p, s);
-    s->doubt = real_max(p->doubt, SLACK);
+    s->doubt = real_max((real)p->doubt, SLACK);
     for (int k = 0; k < m; k++) {
-        put(s, k, p->basic[k], p->row_value[k], p->row_lower[k], p->row_upper[k]);
+        put(s, k, p->basic[k], (real)p->row_value[k], (real)p->row_lower[k],
+            (real)p->row_upper[k]);
         for (int i = 0; i < n; i++)
-            s->rates[k][i] = p->rates[k][i];
+            s->rates[k][i] = (real)p->rates[k][i];
     }
     for (int i = 0; i < n; i++)
-        put(s, ROWS + i, p->nonbasic[i], p->column_value[i], p->column_lower[i],
-            p->column_upper[i]);
+        put(s, ROWS + i, p->nonbasic[i], (real)p->column_value[i], (real)p->column_lower[i],
+            (real)p->column_upper[i]);
 }
 
 #if SETS_UP
