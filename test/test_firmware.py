@@ -142,6 +142,45 @@ def test_the_detector_finds_the_same_failure_in_the_golden_flight(
     assert float.fromhex(last[1].split('f')[0].split(',')[0]) >= 0.99
 
 
+BARE = {
+    'gcc': ['gcc'], 'g++': ['g++', '-xc++', '-std=c++17'], 'clang': ['clang'],
+    'arm-none-eabi-gcc': ['arm-none-eabi-gcc', '-c'],
+}
+STRICT = [
+    '-Werror', '-Wall', '-Wextra', '-Wpedantic', '-Wshadow', '-Wfloat-equal', '-Wconversion',
+    '-Wdouble-promotion', '-Wundef', '-Wcast-align', '-Wmissing-declarations', '-Wpointer-arith',
+    '-Winit-self',
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('warnings', [[], STRICT], ids=['bare', 'strict'])
+@pytest.mark.parametrize('compiler', length(['g++'], BARE))
+@pytest.mark.parametrize(('name', 'options'), length(
+    [('hexarotor_realistic', ['--faults', 'none', '--detector'])],
+    [('hexarotor_realistic', ['--detector']), ('hexarotor_realistic', ['--precision', 'double']),
+     ('hexarotor', []), ('x8', []), ('tricopter', []),
+     ('azimuth_boat', ['--precision', 'double'])],
+))
+def test_an_export_needs_no_flags_and_gives_no_warning(
+        name, options, compiler, warnings, tmp_path):
+    """As users build it: all files of a folder, in C or C++, to the last bit."""
+    needs(BARE[compiler][0])
+    out, program = tmp_path / name, tmp_path / 'check'
+    assert main(['--vehicle', name, '--out', str(out), *options]) == 0
+    for check in ('check.c', 'check_detector.c')[: 1 + ('--detector' in options)]:
+        mains = {'check.c', 'check_detector.c', 'startup.c', 'worst_case.c'} - {check}
+        sources = [file for file in out.glob('*.c') if file.name not in mains]
+        command = [*BARE[compiler], *warnings]
+        if '-c' not in command:
+            command += ['-o', program]
+        done = subprocess.run([*command, *sources, *['-lm'] * ('-c' not in command)],
+                              capture_output=True, text=True, cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (0, ''), done.stderr
+        if '-c' not in command:
+            reproduced(subprocess.check_output([program], text=True))
+
+
 @pytest.mark.long
 def test_a_difference_in_one_bit_is_found(exported, tmp_path):
     needs('make', 'gcc')

@@ -23,6 +23,15 @@ PRODUCT_WORST, OSQP_MEDIAN = 100.0, 0.1
 """What a call may take: clipped pseudo-inverses, and a share of OSQP's calls."""
 
 
+@pytest.mark.parametrize('words', firmware.FLAGS_OF_USERS)
+@pytest.mark.parametrize('name', firmware.VEHICLES)
+def test_firmware_keeps_its_promise_with_the_flags_of_autopilots(name, words):
+    _, exact, others, changed = firmware.compare_flags(name, words.split(), 30)
+    assert exact < 1e-4
+    assert others < 1e-3
+    assert changed == 0
+
+
 @pytest.mark.parametrize('name', firmware.VEHICLES)
 def test_the_kernel_takes_few_instructions(name):
     counts = firmware.count(VehicleProblem(Vehicle.load(name)), tuple(firmware.METHODS), 100)

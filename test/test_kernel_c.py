@@ -24,7 +24,9 @@ DRIVER = str(Path(__file__).parent / 'kernel' / 'hostile.c')
 
 FLAGS = ['-std=c99', '-ffp-contract=off', f'-I{KERNEL}']
 WARNINGS = ['-Werror', '-Wall', '-Wextra', '-Wpedantic', '-Wconversion', '-Wshadow',
-            '-Wdouble-promotion', '-Wfloat-conversion']
+            '-Wdouble-promotion', '-Wfloat-conversion', '-Wfloat-equal', '-Wundef']
+FAST = ['-Ofast', '-ffast-math']
+CPP = {'gcc': ['g++', '-xc++', '-std=c++17'], 'clang': ['clang++', '-xc++', '-std=c++17']}
 SANITIZERS = ['-O1', '-g', '-fsanitize=address,undefined', '-fno-sanitize-recover=all']
 
 FIXED = ['-DCA_FIXED', '-DCA_N=6', '-DCA_M=4']
@@ -64,6 +66,29 @@ def test_sanitizers_find_nothing_in_hostile_inputs(build, tmp_path, record_prope
     record_property('inputs', INPUTS)
     # All of them were met, but for `inexact`.
     assert all(int(n) > 0 for name, n in answers.items() if name != 'status 3'), answers
+
+
+@pytest.mark.parametrize('build', BUILDS)
+@pytest.mark.parametrize('compiler', COMPILERS)
+def test_answers_are_sound_with_fast_math(compiler, build, tmp_path):
+    """The driver, which tells what is sound, is compiled without fast math."""
+    needs(compiler)
+    program, objects = str(tmp_path / 'hostile'), [str(tmp_path / 'hostile.o')]
+    run(compiler, '-O1', *FLAGS, *BUILDS[build], '-c', DRIVER, '-o', objects[0])
+    for source in SOURCES:
+        objects.append(str(tmp_path / f'{Path(source).stem}.o'))
+        run(compiler, *FAST, *FLAGS, *BUILDS[build], '-c', source, '-o', objects[-1])
+    run(compiler, *objects, '-lm', '-o', program)
+    assert 'fault 4' in run(program, str(INPUTS), SEED)
+
+
+@pytest.mark.parametrize('build', BUILDS)
+@pytest.mark.parametrize('compiler', COMPILERS)
+def test_the_library_is_cpp_as_well(compiler, build, tmp_path):
+    needs(CPP[compiler][0])
+    for source in SOURCES:
+        run(*CPP[compiler], *FLAGS[1:], *WARNINGS, *BUILDS[build], '-c', source,
+            '-o', str(tmp_path / 'part.o'))
 
 
 @pytest.mark.parametrize('build', ['double', 'single'])

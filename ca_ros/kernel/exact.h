@@ -68,7 +68,7 @@ enum ca_limit {
 };
 
 /* How a bound limits an axis, in `ca_explanation.blocks`. */
-enum ca_block {
+enum ca_blocking {
     CA_NO_BLOCK = 0,
     CA_ALONE = 1,    /* the axis comes nearer to its demand if this bound alone moves out */
     CA_TOGETHER = 2  /* only if all of these bounds move out together */
@@ -82,10 +82,10 @@ typedef struct {
     ca_real margin;           /* that of u, see `ca_margin` */
     ca_real served[CA_M];     /* share of the way from the reference to its demand that each axis gets:
                                  1 less the size of its error over that of the way, at least 0 */
-    int blocks[CA_M][CA_N];   /* enum ca_block of the rotors for each axis */
+    int blocks[CA_M][CA_N];   /* enum ca_blocking of the rotors for each axis */
     ca_real gain[CA_M][CA_N]; /* gains of rotors that limit alone */
     ca_real joint_gain[CA_M]; /* gain of the bounds that limit only together, if all move alike */
-    int airmode_blocks[CA_M]; /* enum ca_block of the limit on airmode for each axis */
+    int airmode_blocks[CA_M]; /* enum ca_blocking of the limit on airmode for each axis */
     ca_real airmode[CA_M];    /* its gain, if it limits alone */
     int limit[CA_N];          /* enum ca_limit of each rotor */
 } ca_explanation;

@@ -14,7 +14,7 @@ from ca_ros.problem.problem import AllocationProblem
 
 BY_BOUND, BY_RATE, BY_HEALTH = 1, 2, 3  # what limits an effector: enum ca_limit of the kernel
 BY_TILT, BY_TILT_RATE = 4, 5  # the same of the angle of a vector
-ALONE, TOGETHER = 1, 2  # how a bound limits an axis: enum ca_block of the kernel
+ALONE, TOGETHER = 1, 2  # how a bound limits an axis: enum ca_blocking of the kernel
 
 REACH_MIN = 1e-3  # least reach of an effector, as a share of half of its range
 AT_BOUND = 1e-9  # distance from a bound that counts as none, as a share of half of the range

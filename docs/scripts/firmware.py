@@ -23,10 +23,12 @@ from pages import DOCS, fill, telling
 import ca_ros
 from ca_ros.arrays import Array
 from ca_ros.evaluation.wrench_sets import gauge, near_boundary
+from ca_ros.firmware import golden
 from ca_ros.firmware.command import checked
 from ca_ros.firmware.detector import STATES
 from ca_ros.firmware.export import write, write_detector
 from ca_ros.firmware.faults import faults_of
+from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.tilting import firmware_of
 from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.problem.admissible_set import AdmissibleSet
@@ -63,6 +65,13 @@ BOARDS = {
     'double': (('-mcpu=cortex-m7', *CORE[1:3], '-mfpu=fpv5-d16'), 'mps2-an500'),
 }
 """Options for the core, and the board of QEMU that has it."""
+
+FLAGS_OF_USERS = (
+    'gcc -Os -funsafe-math-optimizations -fno-math-errno',
+    'gcc -Ofast -ffast-math -flto -fsingle-precision-constant',
+    'clang -O3 -ffast-math',
+)
+"""Compilers and flags as in PX4 and in Betaflight, for the option --flags."""
 
 MEMORY = {'mps2-an386': '0x21000000', 'mps2-an500': '0x60000000'}  # of a board, for the wrenches
 
@@ -194,6 +203,65 @@ def count_rates(name: str, precision: str, size: int = 400, steps: int = 40) -> 
         return found
 
 
+def answers(firmware: Firmware, flags: Sequence[str], faults: Array, drawn: Array) -> Array:
+    """Return the status and the speeds of exported firmware for wrenches (N, m), as records.
+
+    It is compiled for this machine: flags[0] is the compiler.
+    """
+    numbers, m, n = firmware.dtype, drawn.shape[1], firmware.problem.n
+    record = np.dtype([('fault', np.int32), ('wrench', numbers, m)], align=True)
+    given = np.zeros(len(drawn), record)
+    given['fault'], given['wrench'] = faults, drawn
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / 'counted'
+        write(firmware, 'counted', folder)
+        checks = 'check.c', 'startup.c', 'worst_case.c'
+        sources = [each for each in folder.glob('*.c') if each.name not in checks]
+        names = '-DVEHICLE="counted.h"', '-DALLOCATE=counted_allocate', f'-I{folder}'
+        program = folder / 'answers'
+        driver = PROGRAM.with_name('answers.c')
+        subprocess.check_call([*flags, *names, driver, *sources, '-lm', '-o', program])
+        printed = subprocess.check_output([program], input=given.tobytes())
+    return np.frombuffer(printed, np.dtype(
+        [('status', np.int32), ('speeds', numbers, n)], align=True))
+
+
+def compare_flags(name: str, flags: Sequence[str], size: int) -> tuple[float, float, float, int]:
+    """Return how the answers of exported firmware differ from those to the last bit.
+
+    The share of the answers that have other bits, the greatest differences of a thrust [N] for
+    attainable and for other wrenches, and the number of other statuses.  Raises a RuntimeError if
+    an answer breaks a promise: speeds out of bounds, or an EXACT wrench that is missed.
+    """
+    vehicle = Vehicle.load(name)
+    settings = checked(read(name)).allocation
+    firmware = firmware_of(faults_of(vehicle, ['single']), settings, 'single')
+    special = golden.special(firmware)
+    rows = [
+        np.vstack([golden.wrenches(firmware, fault, size, 5), special])
+        for fault in range(len(firmware.faults))
+    ]
+    faults, drawn = np.repeat(np.arange(len(rows)), len(rows[0])), np.vstack(rows)
+    found = answers(firmware, flags, faults, drawn)
+    apart, others, gaps = 0, 0, [0.0, 0.0]
+    for fault, u, (status, speeds) in zip(faults, drawn, found, strict=True):
+        wanted, exact = firmware.allocate(fault, u)
+        k_f, reverse, least, greatest = firmware.rotors[fault]
+        thrusts = firmware.thrusts_at(speeds, k_f, reverse).astype(float)
+        commanded = firmware.rows[fault]
+        demand = u[commanded].astype(float)
+        missed = np.linalg.norm(firmware.problem.gamma[commanded] @ thrusts - demand)
+        wide = missed > 5e-5 * max(1.0, float(np.linalg.norm(demand)))
+        if not np.all((least <= speeds) & (speeds <= greatest)) or (status == 0 and wide):
+            raise RuntimeError(f'{name}, fault {fault}: {u} gets {speeds} with status {status}')
+        apart += speeds.tobytes() != exact.tobytes() or status != wanted
+        others += status != wanted
+        gap = np.abs(thrusts - firmware.thrusts_at(exact, k_f, reverse)).max()
+        kind = int(status != 0)
+        gaps[kind] = max(gaps[kind], float(gap))
+    return apart / len(drawn), *gaps, others
+
+
 def rows_of(name: str, counts: dict[tuple[str, str], Array]) -> list[tuple[str, ...]]:
     """Return the rows of the table for a vehicle."""
     rows = []
@@ -218,7 +286,16 @@ def main() -> None:
     add('--size', type=int, default=10_000, help='wrenches of each kind')
     add('--detector', action='store_true', help='count the detector of failures alone')
     add('--rates', action='store_true', help='count calls within the rates of the rotors alone')
+    add('--flags', action='store_true', help='compare the answers of other flags of compilers')
     options = parser.parse_args()
+    for words in FLAGS_OF_USERS if options.flags else ():
+        for name in VEHICLES:
+            share, exact, others, changed = compare_flags(name, words.split(), options.size)
+            print(f'{name}, {words}: {share:.1%} have other bits; thrusts differ by at most '
+                  f'{exact:.1e} N where attainable, {others:.1e} N elsewhere; {changed} other '
+                  f'statuses', flush=True)
+    if options.flags:
+        return
     if missing():
         parser.error(f'not installed: {", ".join(missing())}')
     for name in VEHICLES if options.detector else ():
