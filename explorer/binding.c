@@ -63,9 +63,11 @@ static void speeds_of(const ca_real *f, ca_real *w)
     }
 }
 
+/* The result may overwrite the speeds. */
 static void thrusts_of(const ca_real *w, ca_real *f)
 {
-    ca_thrusts(n, w, forward, reverse, f);
+    if (!segments)
+        ca_thrusts(n, w, forward, reverse, f);
     for (int i = 0; segments && i < n; i++)
         f[i] = forward[i] / unit * ca_curve(segments, segment, ca_max(w[i], 0));
 }

@@ -1,7 +1,7 @@
 // The page as a template: a case with its answer, and the controls that change it.
 import {html, svg} from 'lit-html';
 import {live} from 'lit-html/directives/live.js';
-import {groups} from './vehicle.js';
+import {ACCELERATION, groups} from './vehicle.js';
 import {digits, kind, METHODS, short, UNITS} from './words.js';
 
 export const REACH = 1.6; // of the demand, in halves of the ranges of the attainable set
@@ -25,6 +25,7 @@ export function page({vehicle, name, state, set}, answer, beside, {words, view, 
     : [`${axis} ${digits(demand[k])} ${UNITS[axis]}`]);
   const title = `Attainable ${view.length > 2 ? 'torques' : view.map((k) => axes[k]).join(' and ')}${
     others.length ? ` at ${others.join(', ')}` : ''}`;
+  const assumed = vehicle.ratesAssumed ? `, at ${ACCELERATION} rad/s² (no rate in the file)` : '';
   return html`
     <header>
       <h1>Control allocation explorer</h1>
@@ -78,7 +79,7 @@ export function page({vehicle, name, state, set}, answer, beside, {words, view, 
             (value) => act.change({airmode: [value, value]}))}
           <output>${state.airmode[0] < 1 ? `${Math.round(100 * state.airmode[0])} % of its range` : 'no limit'}</output>
           time since hover ${slider('time since hover', [0, 0.3, 0.005], state.elapsed, change('elapsed'))}
-          <output>${state.elapsed ? `${Math.round(1e3 * state.elapsed)} ms` : 'any'}</output>
+          <output>${state.elapsed ? `${Math.round(1e3 * state.elapsed)} ms${assumed}` : 'any'}</output>
         </div>
         <h2>Compare with another method</h2>
         <div class="row">${select('beside', 'Other method', METHODS, state.beside, change('beside'))}</div>

@@ -2,7 +2,7 @@
 import {check, FIELDS, insist, readSettings} from './settings.js';
 
 export const AXES = FIELDS['allocation.axes'].choices;
-const ACCELERATION = 2000; // of rotors without a rate in the file [rad/s^2]
+export const ACCELERATION = 2000; // of rotors without a rate in the file [rad/s^2]
 const HEALTH_MIN = 1e-9, ROTORS_MAX = 32, APART_MAX = 2, WEIGHTS_MAX = 1e4, PREFERRED_MAX = 100;
 
 const expect = (sound, name, expected) => insist(sound, `${name}: expected ${expected}`);
@@ -120,7 +120,7 @@ export function readVehicle(text) {
     reverse: backward.map((k, i) => (k > 0 ? k : forward[i])),
     gamma: axes.map((axis) => wrenches.map((wrench) => wrench[AXES.indexOf(axis)])),
     reference: axes.map((axis) => (axis === 'thrust' ? hover : 0)),
-    deceleration: slowing.map((d, i) => d || acceleration[i]), health: each('rotors.health'),
+    ratesAssumed: all(rates, false), deceleration: slowing.map((d, i) => d || acceleration[i]), health: each('rotors.health'),
     weight: each('allocation.exact.weights'), preferred: each('allocation.exact.preferred'),
     slack: exact('residual_slack'), policy: exact('policy'), deviation: exact('thrust_deviation'),
     airmode: airmodeLimits('allocation.exact.airmode_limit', exact('airmode_limit')),
