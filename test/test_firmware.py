@@ -347,6 +347,19 @@ def test_a_vehicle_of_one_axis_is_exported(variant, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(('setting', 'value'), [
+    ('acceleration_max', 2000.0), ('tilt_rate_max', 3.0)])
+def test_firmware_of_rotors_that_tilt_refuses_limits_of_rates(setting, value, tmp_path, capsys):
+    content, file = with_policy('hexarotor_tilting', 'prioritize'), tmp_path / 'vehicle.yaml'
+    content['/**']['ros__parameters']['rotors'][setting] = value
+    file.write_text(yaml.safe_dump(content), encoding='utf-8')
+    assert main(['--vehicle', str(file), '--out', str(tmp_path / 'out')]) == 1
+    error = capsys.readouterr().err
+    assert f'rotors.{setting}: ' in error
+    assert error.count('\n') == 1
+    assert not (tmp_path / 'out').exists()
+
+
 @pytest.mark.parametrize(('curve', 'precision'), [
     (True, 'single'), *length([], [(True, 'double'), (False, 'single'), (False, 'double')]),
 ])

@@ -308,6 +308,70 @@ def test_margin_and_sections_are_bounded_from_both_sides():
     assert np.linalg.norm(drawn, axis=1).max() <= 2.0 + 1e-9
 
 
+def drawn_sets(rng):
+    """Return a matrix and sets of several sizes; some sectors begin at `least`."""
+    sets = []
+    for _ in range(rng.integers(2, 7)):
+        kind, radius = rng.integers(4), float(10.0 ** rng.uniform(-1.0, 1.0))
+        if kind == 0:
+            sets.append(Interval(float(rng.choice([0.0, -radius])), radius))
+        elif kind == 3:
+            sets.append(Sector(np.pi, radius, int(rng.integers(2, 4))))
+        else:
+            angle = float(min(rng.uniform(0.05, 2.0), np.pi / 2))
+            least = radius * float(rng.choice([0.0, 0.01, 0.1, 0.5, 0.9]))
+            sets.append(Sector(angle, radius, int(1 + kind), least))
+    made = ConvexSets(sets)
+    return rng.normal(size=(rng.integers(1, min(6, made.n) + 1), made.n)), made
+
+
+@pytest.mark.parametrize('engine', [sets_newton, SetsNewton])
+def test_vectors_stay_in_their_sets_and_multipliers_finite(engine):
+    """Wrenches on the boundary, or just beyond it, where no multipliers exist."""
+    rng = np.random.default_rng(WRENCHES)
+    for _ in range(length(100, 3000) if engine is sets_newton else length(5, 50)):
+        matrix, sets = drawn_sets(rng)
+        middle, wrenches = matrix @ sets.inner, []
+        for _ in range(12):
+            edge = matrix @ sets.farthest(rng.normal(size=len(matrix)) @ matrix)
+            wrenches += [middle + share * (edge - middle)
+                         for share in (1.0 - 1e-9, 1.0, 1.0 + 1e-12, 1.0 + 1e-6, 3.0, -2.0)]
+        found = engine(matrix, sets).solve(np.array(wrenches))
+        outside = np.abs(found.points - sets.project(found.points)).max()
+        assert outside < 1e-9, sets.sets
+        assert np.abs(found.multipliers).max() < 1e60, sets.sets
+        reached = found.points @ matrix.T
+        left = np.linalg.norm(reached - wrenches, axis=1)
+        assert left[found.attained].max(initial=0.0) < 1e-9, sets.sets
+
+
+@pytest.mark.parametrize('name', ['hexarotor_tilting', 'tricopter', 'azimuth_boat'])
+def test_an_outline_leaves_out_less_than_a_thousandth_of_the_range(name):
+    """All attainable points of the plane: found by lines in directions that are drawn."""
+    problem, rng = PROBLEMS[name], np.random.default_rng(7)
+    admissible = AdmissibleSet(problem)
+    for axes in (problem.axes[:2], problem.axes[-2:], problem.axes[1:3]):
+        rows, start = [problem.axes.index(axis) for axis in axes], admissible.reference
+        corners = admissible.section(axes).vertices
+        size = np.ptp(corners, axis=0)
+        edges = (np.roll(corners, -1, axis=0) - corners) / size
+        away = np.column_stack([edges[:, 1], -edges[:, 0]])
+        away /= np.linalg.norm(away, axis=1)[:, None]
+        for angle in rng.uniform(0.0, 2.0 * np.pi, 200):
+            way = np.zeros(len(start))
+            way[rows] = np.array([np.cos(angle), np.sin(angle)]) * size
+            end = start + problem.least_norm.line(start, way).length * way
+            beyond = (((end[rows] - corners) / size) * away).sum(axis=1).max()
+            assert beyond < 1.1e-3, (axes, angle)
+
+
+def test_a_duality_gap_is_not_negative():
+    problem, rng = PROBLEMS['hexarotor_tilting'], np.random.default_rng(11)
+    exact = make_allocator('exact', problem)
+    drawn = AdmissibleSet(problem).sample(rng, 200)
+    assert all(exact.allocate(u).certificate.gap >= 0.0 for u in drawn)
+
+
 def test_other_methods_name_what_they_cannot_take():
     problem = PROBLEMS['random 1']
     with pytest.raises(ParameterError, match='exact, pseudo_inverse, '):

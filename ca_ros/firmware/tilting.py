@@ -19,6 +19,7 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.tilts import Tilts
+from ca_ros.vehicle.vehicle import Vehicle
 
 
 class TiltingFirmware(Firmware):
@@ -31,6 +32,11 @@ class TiltingFirmware(Firmware):
         problem = faults[0].problem
         if not problem.vehicle.curve.square:
             raise ParameterError('rotors.thrust_curve: not for the firmware of rotors that tilt')
+        if limited := rated(problem.vehicle):
+            raise ParameterError(
+                f'{limited}: the firmware of rotors that tilt does not limit rates: leave it out '
+                'of the file, and limit the rates behind the allocator'
+            )
         module = extension('vectored_single' if precision == 'single' else 'vectored')
         if module is None or components(problem, settings) > module.N:
             raise ParameterError(
@@ -103,6 +109,14 @@ def firmware_of(
 def components(problem: AllocationProblem, settings: VehicleMethodSettings) -> int:
     """Return the number of components that the kernel needs: the priorities add one an axis."""
     return problem.n + len(problem.axes) * (settings.exact.policy == 'prioritize')
+
+
+def rated(vehicle: Vehicle) -> str:
+    """Return the setting that limits a rate of a vehicle whose rotors tilt; empty without one."""
+    if vehicle.acceleration_max is not None:
+        return 'rotors.acceleration_max'
+    limits = vehicle.tilts is not None and vehicle.tilts.rate_max.any()
+    return 'rotors.tilt_rate_max' if limits else ''
 
 
 def _tilts(problem: VehicleProblem) -> Tilts:

@@ -14,6 +14,7 @@
 #define GROWTH 4 /* of the pull */
 #define GAP CA_CHOOSE(2e-10, 1e-4)      /* by which a line may be too short, as a share of it */
 #define PULL_MAX CA_CHOOSE(1e7, 1e3)    /* greatest weight of the length of a line */
+#define FAR CA_CHOOSE(1e20, 1e10) /* multipliers, in units of the greatest deviation, that say no more */
 
 #ifdef CA_FIXED
 #define AXES(problem) ((void)(problem), CA_M)
@@ -365,7 +366,7 @@ static const iterate *newton(const ca_vectored *p, const goal *g, iterate pair[2
     evaluate(p, g, best);
     answer->attained = 1;
     for (int step = 0; step < STEPS; step++) {
-        ca_real h[CA_M][CA_M], way[CA_M], y[CA_M], low = 0, high = -1, length = 1;
+        ca_real h[CA_M][CA_M], way[CA_M], y[CA_M], low = 0, high = -1, length;
         if (within(p, now, g->tolerance, AIM))
             return now;
         if (step > 3 && !g->e && now->size > last / 2 && beyond(p, g->u, now->y, g->tolerance)) {
@@ -381,19 +382,24 @@ static const iterate *newton(const ca_vectored *p, const goal *g, iterate pair[2
         else
             solve(m, h, now->slope, way);
         const ca_real first = ca_dot(m, now->slope, way), limit = first / 2;
+        const ca_real far = FAR * p->greatest, size = ca_length(m, way);
         const ca_real least = dual(p, g, now), slack = ROUNDING * ca_abs(least);
         ca_copy(m, now->y, y);
         if (!(first > 0))
             break;
+        length = size > far ? far / size : 1;
         now = now == best ? spare : now;
         for (int trial = 0; trial < TRIALS; trial++) {
             for (int k = 0; k < m; k++)
                 now->y[k] = y[k] + length * way[k];
             evaluate(p, g, now);
             const ca_real slope = ca_dot(m, now->slope, way);
-            if (slope > limit)
+            if (slope > limit) {
                 low = length;
-            else if (slope < -limit || (slope < 0 && dual(p, g, now) < least - slack))
+                /* The squares of still longer vectors would overflow. */
+                if (ca_length(m, now->y) > far)
+                    break;
+            } else if (slope < -limit || (slope < 0 && dual(p, g, now) < least - slack))
                 high = length; /* too far: the slope may fall below 0 at once, and stay there */
             else
                 break;
@@ -403,6 +409,8 @@ static const iterate *newton(const ca_vectored *p, const goal *g, iterate pair[2
             spare = best;
             best = now;
         }
+        if (ca_length(m, now->y) > far)
+            break;
     }
     answer->attained = within(p, best, g->tolerance, 1);
     return best;

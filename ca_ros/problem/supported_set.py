@@ -1,6 +1,7 @@
 """The attainable set of vectors in convex sets, known by its support function."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,7 +13,9 @@ from ca_ros.solver.sets_newton import TOLERANCE, SetsNewton
 SETTLED = 1e-9  # share by which a margin may still shrink when the search for it ends
 SEARCHES = 20  # limit of the lines or points of one search for a margin
 NEAR = 1e-2  # weight of the vectors beside the distance to a set
-DIRECTIONS = 72  # corners of a section
+DIRECTIONS = 72  # rays of a section, and then more
+OUTLINE = 1e-3  # greatest distance of an outline from its set, as a share of the range of an axis
+REFINEMENTS = 20  # how often a ray of an outline may be drawn between two others
 DRAWS = 4096  # wrenches that are drawn at a time
 
 
@@ -76,11 +79,11 @@ class SupportedSet:
         return np.concatenate(found)[:size]
 
     def section(self, rows: Sequence[int], at: Array) -> Array:
-        """Return points (k, d) on the outline of a section in one or two axes.
+        """Return points (k, d) on the outline of a section in one or two axes, see `_outline`.
 
         `rows`: the axes that stay.  `at` (m,): the values of the other axes [N, N m].
         """
-        ways, axes, start = _ways(rows), np.diag(self._extent), self._sets.inner
+        axes, start = np.diag(self._extent), self._sets.inner
         others = [row for row in range(len(at)) if row not in rows]
         if others:
             given = sets_newton(self._matrix[others], self._sets).solve(at[None, others])
@@ -92,14 +95,22 @@ class SupportedSet:
             # To the middle of the section along each axis.
             ends = [self._solver.line(begin, sign * axes[row]).length for sign in (1.0, -1.0)]
             begin = begin + 0.5 * (ends[0] - ends[1]) * axes[row]
-        lengths = np.array([self._solver.line(begin, way @ axes[rows]).length for way in ways])
-        return np.asarray(begin[rows] + lengths[:, None] * ways * self._extent[rows], float)
+
+        def end(way: Array) -> tuple[Array, Array]:
+            line = self._solver.line(begin, way @ axes[rows])
+            return begin[rows] + line.length * way * self._extent[rows], line.normal[rows]
+
+        return _outline(rows, end)
 
     def shadow(self, rows: Sequence[int]) -> Array:
         """Return points (k, d) on the outline of the projection to one or two axes."""
         matrix = self._matrix[rows]
-        farthest = self._sets.farthest(_ways(rows) / self._extent[rows] @ matrix)
-        return np.asarray(farthest @ matrix.T, float)
+
+        def end(way: Array) -> tuple[Array, Array]:
+            normal = way / self._extent[rows]
+            return matrix @ self._sets.farthest(normal @ matrix), normal
+
+        return _outline(rows, end)
 
     def _shoot(self, u: Array, way: Array) -> tuple[float, Array]:
         """Return the distance to the boundary from an inner wrench, and the normal there."""
@@ -148,11 +159,56 @@ class SupportedSet:
         return -distance, missed / distance
 
 
-def _ways(rows: Sequence[int]) -> Array:
-    """Return unit vectors (k, d) all around in one or two axes."""
+def _outline(
+    rows: Sequence[int], end: Callable[[Array], tuple[Array, Array]]
+) -> Array:
+    """Return points (k, d) on an outline in one or two axes.
+
+    The outline is convex and inside its set.  Planes that touch the set at the points bound it
+    from outside; where they leave more than `OUTLINE`, rays between two others are added.
+
+    `end`: returns the point (d,) on the outline for a unit vector (d,), and a normal there.
+    """
     if len(rows) > 2:
         raise ValueError('axes: expected one or two for a set that is not a polytope')
     if len(rows) == 1:
-        return np.array([[-1.0], [1.0]])
-    angles = np.arange(DIRECTIONS) * 2.0 * np.pi / DIRECTIONS
-    return np.column_stack([np.cos(angles), np.sin(angles)])
+        return np.array([end(np.array([way]))[0] for way in (-1.0, 1.0)])
+    angles = np.arange(DIRECTIONS + 1) * 2.0 * np.pi / DIRECTIONS
+    ends = [end(np.array([np.cos(angle), np.sin(angle)])) for angle in angles]
+    scale = np.ptp([point for point, _ in ends], axis=0)
+    todo = [(*pair, 0) for pair in pairwise(zip(angles, ends, strict=True))]
+    points = [point for point, _ in ends[:-1]]
+    while todo:
+        (low, first), (high, last), depth = todo.pop()
+        if depth == REFINEMENTS or _beyond_chord(first, last, scale) <= OUTLINE:
+            continue
+        angle = (low + high) / 2.0
+        found = angle, end(np.array([np.cos(angle), np.sin(angle)]))
+        points.append(found[1][0])
+        todo += [((low, first), found, depth + 1), (found, (high, last), depth + 1)]
+    return np.array(points)
+
+
+def _beyond_chord(
+    first: tuple[Array, Array], last: tuple[Array, Array], scale: Array
+) -> float:
+    """Return how far a convex set may go beyond the line between two points on its outline.
+
+    The points (2,) follow each other counterclockwise, each with a normal (2,); the distance is in
+    units of `scale` (2,).
+    """
+    along = np.divide(last[0] - first[0], scale, out=np.zeros(2), where=scale > 0.0)
+    length = float(np.linalg.norm(along))
+    if length <= OUTLINE:
+        return 0.0
+    along /= length
+    away = np.array([along[1], -along[0]])
+    # How fast the two planes rise above the line: at the first point, and seen from the last one.
+    rises = [(-sign * float(normal * scale @ along), float(normal * scale @ away))
+             for sign, (_, normal) in ((1.0, first), (-1.0, last))]
+    slopes = [max(rise, 0.0) / run if run > 0.0 else np.inf for rise, run in rises]
+    if np.isinf(slopes).all():
+        return np.inf
+    if min(slopes) <= 0.0:
+        return 0.0
+    return length / sum(1.0 / slope for slope in slopes)

@@ -17,6 +17,7 @@ DAMPING = 0.01  # of the steps for a line, so that they are not much longer than
 PULLS = 20  # limit of the pulls along one line
 GROWTH = 4.0  # of the pull
 PULL_MAX = 1e7  # in units of the greatest deviation
+FAR = 1e20  # multipliers, in units of the greatest deviation, that say no more
 GAP = 2e-10  # by which a line may be too short, as a share of it
 
 
@@ -92,7 +93,8 @@ class SetsNewton:
         missed = u - least @ self.matrix.T
         costs = [0.5 * ((self.weights * (x - self.preferred)) ** 2).sum(-1)
                  for x in (points, least)]
-        return np.asarray(costs[0] - costs[1] - (multipliers * missed).sum(-1), float)
+        # The gap cannot be negative; where it seems to be, it is a rounding error.
+        return np.maximum(costs[0] - costs[1] - (multipliers * missed).sum(-1), 0.0)
 
     def solve(self, wrenches: Array) -> SetsSolution:
         """Find the points of least cost that produce wrenches (K, m)."""
@@ -190,6 +192,11 @@ class SetsNewton:
             if not first > 0.0:
                 break
             y = self._search(u, y, way, first, lambda y: missed(y)[0])
+            if self._far(y):
+                slope, size, rate, points = missed(y)
+                if float(np.linalg.norm(slope)) < least:
+                    best, sizes = y, (size, points)
+                break
         return best, self._within(sizes[0], tolerance, sizes[1], 1.0), False
 
     def _search(self, u: Array, y: Array, way: Array, first: float, slope: Any) -> Array:
@@ -198,18 +205,25 @@ class SetsNewton:
         Beyond the greatest value of the dual, it must not be less than at the beginning: the slope
         may fall below zero at once, and then stay flat.
         """
-        length, low, high = 1.0, 0.0, np.inf
+        low, high = 0.0, np.inf
+        length = min(1.0, FAR * self.greatest / float(np.linalg.norm(way)))
         for _ in range(TRIALS):
             there = y + length * way
             now = float(slope(there) @ way)
             if now > first / 2.0:
                 low = length
+                if self._far(there):
+                    break
             elif now < -first / 2.0 or (now < 0.0 and self._falls(u, y, there)):
                 high = length
             else:
                 break
             length = 4.0 * low if high == np.inf else (low + high) / 2.0 if low else high / 8.0
         return y + length * way
+
+    def _far(self, y: Array) -> bool:
+        """Tell whether the squares of still longer multipliers of the basis would overflow."""
+        return float(np.linalg.norm(y)) > FAR * self.greatest
 
     def _falls(self, u: Array, *ways: Array) -> bool:
         """Tell whether the dual is less at the second of two multipliers of the basis."""
