@@ -163,6 +163,8 @@ def test_no_message_ends_or_blinds_the_monitor(graph):
     assert list(vehicle.reports[-1].data) == [1.0] * 6
     graph.spin_until(
         lambda: vehicle.fly(stopped, lambda health: health == stopped.tolist()), 'a loss is found')
+    diagnostics.wait(
+        'monitor', lambda *status: status[2]['lost rotors'] == '2', 'the values name the rotor')
     assert monitor.poll() is None
 
 

@@ -294,6 +294,14 @@ def test_a_name_twice_and_a_type_that_is_none_are_refused_with_the_reason(graph)
     assert "'no.such'" in answer.result.reason
 
 
+def test_a_reason_does_not_repeat_a_long_text(graph):
+    node = host(graph, 'allocator')
+    [result] = node.set_parameters([Parameter('allocation.exact.order', value='x' * 100_000)])
+    assert not result.successful
+    assert 'x' * 20 in result.reason
+    assert len(result.reason) <= 1000
+
+
 def test_wrong_values_of_methods_that_are_not_in_use_are_refused(graph):
     node, name = host(graph, 'allocator'), 'allocation.conventional.weight'
     [result] = node.set_parameters([Parameter(name, value=[1.0, 1.0])])

@@ -108,6 +108,6 @@ def _limit(
     answer = allocate_next(allocator, demand, last, round(1e9 * elapsed), 0)
     exact_flew = flown.parameters.get('allocation.method') == 'exact'
     other = 'a command that came late' if exact_flew else 'the method'
-    if exact_flew and flown.detected:
+    if exact_flew and time[i] >= min(flown.detected.values(), default=np.inf):
         other = "the monitor's estimate of the health"
     return answer.explanation.limits.get(axis, other)

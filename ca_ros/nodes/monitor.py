@@ -128,8 +128,10 @@ class MonitorNode(Node):
             f'{FOUND}{i + 1} [ns]': time for i, time in enumerate(self.detector.since)
             if time is not None
         }
+        lost = self.detector.vehicle.with_health(self.detector.health).lost
         return {
             **self.belief.values(), **self._counts, 'health': health,
+            'lost rotors': ', '.join(f'{i + 1}' for i in np.flatnonzero(lost)) or 'none',
             'certainty of a failure': certainty,
             'lag and delay of motors [ms]': 'unknown' if total is None else f'{1e3 * total:.0f}',
             **since,

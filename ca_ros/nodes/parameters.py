@@ -33,6 +33,8 @@ from ca_ros.settings import (
     table,
 )
 
+REASON_MAX = 1000  # characters of a reason: a refused text comes back in it
+
 
 def descriptor(field: Field) -> ParameterDescriptor:
     """Return what ROS tells of a setting; tools show a slider if both of its ends are finite."""
@@ -176,12 +178,12 @@ class Parameters:
             settings = read(self._declared, {**flat(self.settings), **given})
             self._prepared = settings, self._prepare(settings)
         except ParameterError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=False, reason=str(error)[:REASON_MAX])
         except Exception as error:
             # What is built may be anybody's.
             self._node.get_logger().error(format_exc())
             reason = f'{", ".join(given)}: {type(error).__name__}: {error}'
-            return SetParametersResult(successful=False, reason=reason)
+            return SetParametersResult(successful=False, reason=reason[:REASON_MAX])
         return SetParametersResult(successful=True)
 
     def _take_over(self, _: object) -> None:
