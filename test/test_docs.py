@@ -32,6 +32,7 @@ NOT_HERE = {
     'needs hardware': 'a vehicle',
     'needs an hour': 'an hour; make soak',
     'needs the log': 'pyulog and a log of its repository',
+    'needs rotorpy': 'rotorpy, an environment of 500 MB',
     'needs a flight': 'the file of a recorded flight; test_identify.py has one of a simulation',
     'needs MuJoCo': 'MuJoCo; test_mujoco.py flies and renders where it is installed',
     'long': 'minutes; CA_ROS_LONG=1 runs them',
