@@ -409,8 +409,10 @@ static const iterate *newton(const ca_vectored *p, const goal *g, iterate pair[2
             spare = best;
             best = now;
         }
-        if (ca_length(m, now->y) > far)
+        if (ca_length(m, now->y) > far) {
+            answer->unattainable = !g->e && beyond(p, g->u, now->y, g->tolerance);
             break;
+        }
     }
     answer->attained = within(p, best, g->tolerance, 1);
     return best;

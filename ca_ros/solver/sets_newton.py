@@ -196,7 +196,8 @@ class SetsNewton:
                 slope, size, rate, points = missed(y)
                 if float(np.linalg.norm(slope)) < least:
                     best, sizes = y, (size, points)
-                break
+                beyond = e is None and self._beyond(u, y, tolerance)
+                return best, self._within(sizes[0], tolerance, sizes[1], 1.0), beyond
         return best, self._within(sizes[0], tolerance, sizes[1], 1.0), False
 
     def _search(self, u: Array, y: Array, way: Array, first: float, slope: Any) -> Array:
