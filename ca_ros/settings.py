@@ -358,6 +358,8 @@ def check(name: str, value: Any, field: Field) -> Any:
         entry = dataclasses.replace(field, sizes=(), removed={})
         return [check(f'{name}[{i}]', each, entry) for i, each in enumerate(value)]
     found = _typed(value, field)
+    if found is None and isinstance(value, str) and not {str, bool} & {*field.kinds}:
+        raise ParameterError(f'{name}: {_shortened(value)} is no number ({field.range()})')
     if found is None:
         raise ParameterError(f'{name}: must be {field.range()}, got {_shortened(value)}')
     if not isinstance(found, str) and abs(found) > LARGEST:

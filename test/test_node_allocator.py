@@ -154,7 +154,11 @@ def test_a_rejected_wrench_moves_no_rotor(changing):
     [result] = client.parameters.set({'allocation.exact.policy': 'reject'})
     assert result.successful, result.reason
     client.ask(HOVER)
-    client.account(1e3 * np.array(HOVER))
+    # The rotors keep the speeds of hover, and that is what is said of them.
+    far = 1e3 * np.array(HOVER)
+    allocated, residual = client.account(far)
+    np.testing.assert_allclose(allocated, HOVER, atol=1e-9)
+    np.testing.assert_allclose(residual, far - HOVER, atol=1e-9)
     assert client.diagnose()[0].message == 'REJECTED'
     client.ask(HOVER)
     assert len(client.speeds) == 2

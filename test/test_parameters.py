@@ -31,7 +31,7 @@ from ca_ros.settings import (
     renamed,
     table,
 )
-from ca_ros.vehicle.files import NoSectionError
+from ca_ros.vehicle.files import NoSectionError, find
 from ca_ros.vehicle.settings import MovingVehicleSettings
 from strategies import file_values, settings_of
 
@@ -158,7 +158,7 @@ def test_what_is_no_parameter_file_is_refused(tmp_path, text, words):
     ("!!int ''", "'' is not of the type int"),
     ('!!float foo', 'float'),
     ('9' * 5000, 'is not of the type int'),
-    ('2001-13-41', 'vehicle.mass: must be positive'),
+    ('2001-13-41', 'vehicle.mass: '2001-13-41' is no number'),
     ('!!binary eA==', 'binary'),
     ('!!python/name:os.system', 'python'),
     ('{[a]: 1}', 'unhashable key'),
@@ -416,3 +416,15 @@ def test_ros_takes_the_same_sections_of_a_file_as_we_do(graph, tmp_path):
             assert made.has_parameter('vehicle.mass') == (node in nodes), (name, node)
             made.destroy_node()
         rclpy.shutdown(context=context)
+
+
+def test_a_list_in_a_list_is_refused_as_ros_refuses_it(tmp_path):
+    file = tmp_path / 'own.yaml'
+    text = find('hexarotor').read_text(encoding='utf-8')
+    groups = 'exact: {order: [[roll, pitch], [thrust], [yaw]]}'
+    file.write_text(text.replace('method: exact', groups), encoding='utf-8')
+    with pytest.raises(ParameterError, match=r'order: expected one list .* got a list in a list'):
+        Vehicle.load(file)
+    file.write_text(text.replace('mass: 1.0', 'mass: 6.8kg'), encoding='utf-8')
+    with pytest.raises(ParameterError, match=r"vehicle\.mass: '6\.8kg' is no number"):
+        Vehicle.load(file)

@@ -12,6 +12,7 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros import ALLOCATORS, ParameterError, Status, Vehicle, make_allocator
 from ca_ros.bringup.bringup import main as bringup
 from ca_ros.bringup.flight_options import failure_words
+from ca_ros.bringup.plan import Plan
 from ca_ros.evaluation.cases import Case
 from ca_ros.evaluation.dynamic.study import main as dynamic_study
 from ca_ros.flight.closed_loop import Change, fly
@@ -268,3 +269,10 @@ def test_a_node_without_any_rotor_leaves_them_at_rest_with_every_method(graph):
                     and not re.search(r'\bEXACT\b', text), 'an error, and no exact answer')
             else:
                 said.wait('/allocator', lambda level, _, __: level < b'\2', 'no error')
+
+
+def test_a_rotor_that_the_vehicle_has_not_is_refused_before_the_nodes_start():
+    failures = RotorFailures((RotorFailure.parse('9@1'),))
+    plan = Plan(Trajectory.to(Waypoint.of(1.0, 1.0, 1.0, 0.0)), failures, vehicle='hexarotor')
+    with pytest.raises(ParameterError, match='--fail 9@1: the vehicle has 6 rotors'):
+        plan.commands()

@@ -16,6 +16,7 @@ from ca_ros.nodes.settings import DECLARED, HealthSettings, MonitorSettings, Vie
 from ca_ros.nodes.topics import MARKERS
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import ParameterFile
+from ca_ros.vehicle.vehicle import Vehicle
 
 POSITION_TOLERANCE = 0.02  # greatest distance from the waypoint at the end of a flight [m]
 
@@ -60,6 +61,9 @@ class Plan:
             raise ParameterError(f'--view: needs {package}: {HINTS[package]}')
         chosen = _parameters(f'{name}:={value}' for name, value in self.parameters.items())
         file = None if self.vehicle is None else ParameterFile(self.vehicle)
+        if file is not None and not any('rotors.' in word for word in self.ros):
+            # The flight checks it again, with the parameters that the nodes have.
+            self.failures.check(Vehicle.load(file))
         space = ['-r', f'__ns:={self.namespace}']
         lines = {}
         for name in (*NODES, *['monitor'] * self.detect, *['viewer'] * self.view):

@@ -15,15 +15,17 @@ from rclpy.node import Node
 
 from ca_ros.allocation import Allocation
 from ca_ros.allocation.settings import allocator_of
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, IntArray
 from ca_ros.nodes import topics
 from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.diagnostics import Diagnostics, Level
 from ca_ros.nodes.executable import parameter_arguments, parse, run, split
 from ca_ros.nodes.parameters import Parameters
+from ca_ros.nodes.rotors import at_bounds
 from ca_ros.nodes.settings import ProblemSettings
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.settings import ParameterError, Settings, check_given, table
 from ca_ros.vehicle.files import ParameterFile, find
 
@@ -62,6 +64,14 @@ class Effectors:
     def produced(self, answer: Allocation) -> Array:
         """Return the components of the wrench (6,) of an answer."""
         return self._wrenches @ answer.thrusts
+
+    def held(self, command: Array) -> tuple[Array, IntArray]:
+        """Return the wrench (6,) of a command, and which effectors are at a bound."""
+        problem = self.method.problem
+        if isinstance(problem, VectoredProblem):
+            # The sets of effectors that are vectors have no bounds.
+            return self._wrenches @ command, np.zeros(len(command), np.int8)
+        return self._wrenches @ command, at_bounds(command, problem.lower, problem.upper)
 
 
 class ProblemBelief:

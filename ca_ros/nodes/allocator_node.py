@@ -323,15 +323,22 @@ class AllocatorNode(Node):
             publisher.publish(fill_speeds(message, given, time))
 
     def _report(self, command: WrenchCommand, answer: Allocation) -> None:
-        """Publish the allocated wrench, residual and saturation that have subscribers."""
+        """Publish the allocated wrench, residual and saturation that have subscribers.
+
+        After a rejected wrench they are those of the last command, which the rotors keep.
+        """
         allocated = self._allocated.get_subscription_count()
         residual = self._residual.get_subscription_count()
+        rejected = answer.status is Status.REJECTED
         if allocated or residual:
-            given = self._made.produced(answer)
+            given = (
+                self._made.held(self._last)[0] if rejected else self._made.produced(answer)
+            )
             if allocated:
                 self._allocated.publish(wrench_message(given, command.header))
             if residual:
                 self._residual.publish(wrench_message(command.wrench - given, command.header))
         if self._saturation.get_subscription_count():
-            saturation = np.where(self._made.lost, LOST, answer.saturation)
+            at_bounds = self._made.held(self._last)[1] if rejected else answer.saturation
+            saturation = np.where(self._made.lost, LOST, at_bounds)
             self._saturation.publish(Int8MultiArray(data=saturation.tolist()))

@@ -7,7 +7,7 @@ import numpy as np
 from ca_ros.allocation import Allocation, Allocator
 from ca_ros.allocation.settings import allocator_of
 from ca_ros.allocation.slew import within_rates
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, IntArray
 from ca_ros.nodes.watchdog import fallback
 from ca_ros.problem.audit import Audit
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
@@ -65,3 +65,15 @@ class Rotors:
             # With rates, the directions are those of this answer.
             return answer.problem.wrenches @ answer.thrusts
         return self._wrenches @ answer.thrusts
+
+    def held(self, command: Array) -> tuple[Array, IntArray]:
+        """Return force and torque (6,) of a command [N, N m], and which rotors are at a bound."""
+        speeds, angles = np.split(command, [self.n])
+        turned = None if self.vehicle.tilts is None else angles
+        wrench = rotor_wrenches(self.vehicle, turned) @ self.vehicle.thrusts(speeds)
+        return wrench, at_bounds(speeds, *self.vehicle.speed_limits)
+
+
+def at_bounds(values: Array, low: Array, high: Array) -> IntArray:
+    """Return -1 where values (n,) are at their lower bounds, +1 at their upper, else 0."""
+    return (values >= high).astype(np.int8) - (values <= low).astype(np.int8)

@@ -191,6 +191,12 @@ def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
     for key, value in tree.items():
         if isinstance(value, Mapping):
             flat.update(flatten(value, f'{prefix}{key}.'))
+        elif isinstance(value, list) and any(isinstance(each, list | dict) for each in value):
+            # ROS cannot read it, so nothing else may.
+            raise ParameterError(
+                f'{prefix}{key}: expected one list of numbers or words, such as '
+                "['roll pitch', thrust, yaw], got a list in a list"
+            )
         else:
             flat[f'{prefix}{key}'] = value
     return flat
