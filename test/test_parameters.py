@@ -158,7 +158,7 @@ def test_what_is_no_parameter_file_is_refused(tmp_path, text, words):
     ("!!int ''", "'' is not of the type int"),
     ('!!float foo', 'float'),
     ('9' * 5000, 'is not of the type int'),
-    ('2001-13-41', 'vehicle.mass: '2001-13-41' is no number'),
+    ('2001-13-41', "vehicle.mass: '2001-13-41' is no number"),
     ('!!binary eA==', 'binary'),
     ('!!python/name:os.system', 'python'),
     ('{[a]: 1}', 'unhashable key'),
