@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 from importlib.machinery import EXTENSION_SUFFIXES
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -44,9 +45,19 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope='session', autouse=True)
-def _logs(tmp_path_factory):
-    """Keep the logs of ROS out of the user's own."""
+def _own_ros(tmp_path_factory):
+    """Keep the logs of ROS out of the user's own, and what flies without `graph` to itself."""
+    if find_spec('rclpy') is None:
+        yield
+        return
+    # Here, because the path and the environment above come first.
+    from ca_ros.testing import domain
+
     os.environ['ROS_LOG_DIR'] = str(tmp_path_factory.mktemp('log'))
+    number, lock = domain.claim()
+    os.environ['ROS_DOMAIN_ID'] = str(number)
+    with lock:
+        yield
 
 
 NODES = {'graph', 'nodes', 'client', 'shared'}
