@@ -303,7 +303,7 @@ def renamed(given: Mapping[str, Any]) -> dict[str, Any]:
         new, words = RENAMED.get(name, (name, {}))
         changed = words.get(value, value) if isinstance(value, str) else value
         if (new, changed) != (name, value):
-            now = f'{new}: {_shortened(changed)}' if changed is not value else new
+            now = f'{new}: {shortened(changed)}' if changed is not value else new
             notes.append(f'{name} is now {now}')
         values.setdefault(new, changed)
     if notes:
@@ -341,7 +341,7 @@ def check(name: str, value: Any, field: Field) -> Any:
         raise ParameterError(f'{name}: expected one value ({field.range()}), got {len(value)}')
     if str not in field.kinds and isinstance(value, str) and value.lstrip().startswith('['):
         raise ParameterError(
-            f'{name}: expected numbers, got the string {_shortened(value)}; ROS takes a list for '
+            f'{name}: expected numbers, got the string {shortened(value)}; ROS takes a list for '
             'numbers only if all have a decimal point or none has: write [0.0, 0.5, 1.0]'
         )
     size = len(value) if is_array else 1
@@ -359,9 +359,9 @@ def check(name: str, value: Any, field: Field) -> Any:
         return [check(f'{name}[{i}]', each, entry) for i, each in enumerate(value)]
     found = _typed(value, field)
     if found is None and isinstance(value, str) and not {str, bool} & {*field.kinds}:
-        raise ParameterError(f'{name}: {_shortened(value)} is no number ({field.range()})')
+        raise ParameterError(f'{name}: {shortened(value)} is no number ({field.range()})')
     if found is None:
-        raise ParameterError(f'{name}: must be {field.range()}, got {_shortened(value)}')
+        raise ParameterError(f'{name}: must be {field.range()}, got {shortened(value)}')
     if not isinstance(found, str) and abs(found) > LARGEST:
         raise ParameterError(f'{name}: expected a number up to {LARGEST:g}, got {found:g}')
     if field.positive and not isinstance(found, str) and found < SMALLEST:
@@ -444,7 +444,7 @@ def _listed(value: Any) -> Any:
     return list(map(_listed, value)) if isinstance(value, tuple) else value
 
 
-def _shortened(value: Any) -> str:
+def shortened(value: Any) -> str:
     """Return the repr of a value, cut to one line."""
     try:
         text = repr(value)

@@ -34,7 +34,9 @@ from ca_ros.flight.waypoint import Waypoint
 from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.controller import ControllerNode
 from ca_ros.nodes.executable import parse
+from ca_ros.nodes.monitor import MonitorNode
 from ca_ros.nodes.simulator import SimulatorNode
+from ca_ros.nodes.viewer import ViewerNode
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.testing import DEADLINE, RELIABLE, Diagnostics, six, wrench
@@ -144,6 +146,7 @@ def refused(cases):
 # Nodes in the process of the test
 
 KINDS = {'allocator': AllocatorNode, 'controller': ControllerNode, 'simulator': SimulatorNode}
+OBSERVERS = {'monitor': MonitorNode, 'viewer': ViewerNode}
 
 
 def separate(graph, name, *words):
@@ -156,7 +159,7 @@ def host(graph, name, *words):
 
     A process of its own takes ten times as long.  `words`: further arguments for ROS.
     """
-    kind = KINDS[name]
+    kind = (KINDS | OBSERVERS)[name]
     ros = parse(name, '', ['--vehicle', 'hexarotor', '--ros-args', *words], kind.declared)
     return graph.add_node(
         kind(name, context=graph.context, cli_args=ros, use_global_arguments=False))

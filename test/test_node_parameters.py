@@ -20,7 +20,17 @@ from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.settings import DECLARED, AllocatorSettings, FileSettings
 from ca_ros.settings import table
 from ca_ros.testing import Graph, wrench
-from nodes import HOVER, KINDS, AllocatorClient, host, refused, run_all, some_wrenches, twin
+from nodes import (
+    HOVER,
+    KINDS,
+    OBSERVERS,
+    AllocatorClient,
+    host,
+    refused,
+    run_all,
+    some_wrenches,
+    twin,
+)
 from strategies import file_values, length
 
 SHIPPED = file_values('hexarotor')
@@ -229,7 +239,7 @@ def test_what_cannot_be_set_changes_nothing_now_or_later(client):
     assert client.diagnose()[1]['method'] == 'exact'
 
 
-@pytest.mark.parametrize('name', KINDS)
+@pytest.mark.parametrize('name', [*KINDS, *OBSERVERS])
 def test_every_parameter_takes_every_kind_of_value_or_refuses_it_by_name(graph, name):
     node, twin = host(graph, name), host(graph, name, '-r', '__ns:=/twin')
     values = [

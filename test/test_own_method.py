@@ -105,3 +105,28 @@ def test_a_running_node_takes_it(example, graph):
         [result] = parameters.set(values)
         assert result.successful, result.reason
     assert not Path('loaded').exists()
+
+
+@pytest.mark.skipif(find_spec('rclpy') is None, reason='needs rclpy')
+def test_a_method_that_is_slow_to_build_is_not_built_in_flight(example, graph, monkeypatch):
+    from rclpy.parameter import Parameter
+
+    from nodes import host
+
+    Path('slow.py').write_text(
+        'import time\nfrom my_methods import Scaled\n\n\nclass Slow(Scaled):\n'
+        '    def __init__(self, *given, **options):\n'
+        '        super().__init__(*given, **options)\n        time.sleep(0.15)\n')
+    monkeypatch.syspath_prepend(str(Path.cwd()))
+    monkeypatch.delitem(sys.modules, 'slow', raising=False)
+    node = host(graph, 'allocator', '-p', 'allocation.method:=slow:Slow')
+    health = Parameter('rotors.health', value=[0.8, 1.0, 1.0, 1.0, 1.0, 1.0])
+    [result] = node.set_parameters([health])
+    assert not result.successful
+    assert re.fullmatch(
+        r'allocation.method: slow:Slow took 0\.\d+ s to build at the start, longer than '
+        r'command_timeout \(0.1 s\): it is not built in flight', result.reason)
+    assert node.get_parameter('rotors.health').value == 1.0
+    for change in (Parameter('command_timeout', value=5.0), health):
+        [result] = node.set_parameters([change])
+        assert result.successful, result.reason

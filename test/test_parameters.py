@@ -1,6 +1,7 @@
 """Vehicle files: a fault is reported in one line that names the file, the key and the fault."""
 
 import math
+from contextlib import suppress
 from copy import deepcopy
 from inspect import signature
 
@@ -428,3 +429,46 @@ def test_a_list_in_a_list_is_refused_as_ros_refuses_it(tmp_path):
     file.write_text(text.replace('mass: 1.0', 'mass: 6.8kg'), encoding='utf-8')
     with pytest.raises(ParameterError, match=r"vehicle\.mass: '6\.8kg' is no number"):
         Vehicle.load(file)
+
+
+TEXTS = [
+    *(('vehicle.gravity', text) for text in (
+        '9.81', '10', '"10"', "'9.81'", '6.8kg', '1:30', '1:30.5', '1e1', '1.0e1', '"1e1"', '0x10',
+        '010', '08', "'nan'", '.inf', '2026-01-01', 'true')),
+    *(('vehicle.center_of_mass', text) for text in (
+        '[0.01, 0.01, 0.02]', '["0.01", "0.01", "0.02"]', '[0.01, "0.01", 0.02]', '[1, 1.0, 1.0]',
+        '[1, 1, 1]', '[1e-2, 0.01, 1.0e-2]', '"[0.01, 0.01, 0.02]"', '[0.01, true, 0.01]')),
+    *(('allocation.exact.order', text) for text in (
+        '[roll pitch, thrust, yaw]', '[[roll, pitch], [thrust], [yaw]]',
+        '[[roll, pitch], thrust, yaw]', '[roll pitch, [thrust], yaw]', '[{roll: pitch}, yaw]')),
+]
+
+
+@pytest.mark.parametrize(('name', 'text'), TEXTS)
+def test_a_node_and_python_read_the_same_of_a_value_or_both_refuse_it(
+        graph, tmp_path, name, text):
+    import rclpy
+    from rclpy.exceptions import ParameterException
+    from rclpy.signals import SignalHandlerOptions
+
+    from ca_ros.nodes.parameters import Parameters
+    from ca_ros.nodes.rclpy_internals import RCLError
+
+    path = write(tmp_path / 'given.yaml', {name: 'here'})
+    path.write_text(path.read_text().replace('here', text))
+    expected = found = None
+    with suppress(ParameterError):
+        expected = flat(load_for(AllocatorSettings, path))[name]
+    context = rclpy.Context()
+    with suppress(RCLError, ParameterError, ParameterException):
+        rclpy.init(
+            args=['--ros-args', '--params-file', str(path)], context=context,
+            domain_id=graph.domain, signal_handler_options=SignalHandlerOptions.NO)
+        node = rclpy.create_node('allocator', context=context)
+        try:
+            found = flat(Parameters(node, AllocatorSettings).settings)[name]
+        finally:
+            node.destroy_node()
+            rclpy.shutdown(context=context)
+    assert found == expected
+    assert expected is not None or name in complaint(path)

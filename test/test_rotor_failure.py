@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import yaml
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Float64MultiArray
 
@@ -22,6 +23,7 @@ from ca_ros.flight.trajectory import Trajectory
 from ca_ros.flight.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.testing import Diagnostics, wrench
+from ca_ros.vehicle.files import find
 from nodes import host
 from strategies import length, settings_of
 
@@ -276,3 +278,18 @@ def test_a_rotor_that_the_vehicle_has_not_is_refused_before_the_nodes_start():
     plan = Plan(Trajectory.to(Waypoint.of(1.0, 1.0, 1.0, 0.0)), failures, vehicle='hexarotor')
     with pytest.raises(ParameterError, match='--fail 9@1: the vehicle has 6 rotors'):
         plan.commands()
+
+
+def test_the_vehicle_whose_rotors_fail_is_that_of_the_namespace(tmp_path):
+    names = 'hexarotor', 'quadrotor'
+    shipped = [yaml.safe_load(find(name).read_text())['/**'] for name in names]
+    file = tmp_path / 'two.yaml'
+    file.write_text(yaml.safe_dump(dict(zip(('/a/**', '/b/**'), shipped, strict=True))))
+    failures = RotorFailures((RotorFailure.parse('6@1'),))
+    trajectory = Trajectory.to(Waypoint.of(1.0, 1.0, 1.0, 0.0))
+    Plan(trajectory, failures, vehicle=str(file), namespace='/a').commands()
+    with pytest.raises(ParameterError, match='--fail 6@1: the vehicle has 4 rotors'):
+        Plan(trajectory, failures, vehicle=str(file), namespace='/b').commands()
+    # Other files may have other rotors.
+    ros = ['--ros-args', '--params-file', str(find('hexarotor'))]
+    Plan(trajectory, failures, vehicle='quadrotor', ros=ros).commands()

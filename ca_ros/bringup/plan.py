@@ -11,12 +11,11 @@ from ca_ros.commands import HINTS, NODES
 from ca_ros.figures import WIDTHS
 from ca_ros.flight.rotor_failures import RotorFailures
 from ca_ros.flight.trajectory import Trajectory
-from ca_ros.nodes.executable import vehicle_arguments
+from ca_ros.nodes.executable import vehicle_arguments, vehicle_of
 from ca_ros.nodes.settings import DECLARED, HealthSettings, MonitorSettings, ViewerSettings
 from ca_ros.nodes.topics import MARKERS
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import ParameterFile
-from ca_ros.vehicle.vehicle import Vehicle
 
 POSITION_TOLERANCE = 0.02  # greatest distance from the waypoint at the end of a flight [m]
 
@@ -61,9 +60,10 @@ class Plan:
             raise ParameterError(f'--view: needs {package}: {HINTS[package]}')
         chosen = _parameters(f'{name}:={value}' for name, value in self.parameters.items())
         file = None if self.vehicle is None else ParameterFile(self.vehicle)
-        if file is not None and not any('rotors.' in word for word in self.ros):
+        others = any(word == '--params-file' or 'rotors.' in word for word in self.ros)
+        if file is not None and not others:
             # The flight checks it again, with the parameters that the nodes have.
-            self.failures.check(Vehicle.load(file))
+            self.failures.check(vehicle_of(file, full_name(self.namespace, 'simulator')))
         space = ['-r', f'__ns:={self.namespace}']
         lines = {}
         for name in (*NODES, *['monitor'] * self.detect, *['viewer'] * self.view):

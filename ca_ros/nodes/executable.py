@@ -63,6 +63,14 @@ def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
     return own, ros
 
 
+def vehicle_of(vehicle: str, node: str) -> Vehicle:
+    """Return the vehicle of a node, by full name; the file may have no section for the node."""
+    try:
+        return Vehicle.load(vehicle, node)
+    except NoSectionError:
+        return Vehicle.load(vehicle)
+
+
 def vehicle_arguments(vehicle: str, node: str, declared: type[Settings]) -> list[str]:
     """Return the ROS arguments that give a node, by full name, the parameters of a vehicle.
 
@@ -71,10 +79,10 @@ def vehicle_arguments(vehicle: str, node: str, declared: type[Settings]) -> list
     """
     try:
         load_for(declared, vehicle, node)
-        Vehicle.load(vehicle, node)
+        vehicle_of(vehicle, node)
     except NoSectionError:
         found = load_for(declared, vehicle)
-        Vehicle.load(vehicle)
+        vehicle_of(vehicle, node)
         return parameter_arguments(settings.flat(found))
     return ['--ros-args', '--params-file', str(find(vehicle).resolve()), '--']
 

@@ -8,14 +8,14 @@ nodes, and ``/uav1/allocator: ros__parameters:``, as `ros2 param dump` writes it
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 from ca_ros.input_files import read_text
-from ca_ros.settings import ParameterError, renamed
+from ca_ros.settings import ParameterError, renamed, shortened
 
 YAML_MAX = 1_000_000  # greatest size of a file, which takes some seconds to read [bytes]
 
@@ -191,12 +191,21 @@ def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
     for key, value in tree.items():
         if isinstance(value, Mapping):
             flat.update(flatten(value, f'{prefix}{key}.'))
-        elif isinstance(value, list) and any(isinstance(each, list | dict) for each in value):
+        elif isinstance(value, list) and (fault := _fault_of_list(value)):
             # ROS cannot read it, so nothing else may.
-            raise ParameterError(
-                f'{prefix}{key}: expected one list of numbers or words, such as '
-                "['roll pitch', thrust, yaw], got a list in a list"
-            )
+            raise ParameterError(f'{prefix}{key}: expected one list of {fault}')
         else:
             flat[f'{prefix}{key}'] = value
     return flat
+
+
+def _fault_of_list(values: Sequence[Any]) -> str:
+    """Return what ROS expects instead of a list, and what it got; empty if it reads the list."""
+    if any(isinstance(each, list | dict) for each in values):
+        return "numbers or words, such as ['roll pitch', thrust, yaw], got a list in a list"
+    if len({type(each) for each in values}) > 1:
+        return (
+            'words, of numbers with a decimal point or of numbers without, such as '
+            f'[0.0, 0.5, 1.0], got {shortened(values)}'
+        )
+    return ''

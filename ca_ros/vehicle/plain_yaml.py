@@ -1,5 +1,6 @@
 """YAML without tags, aliases and dates, as ROS reads it."""
 
+import re
 from typing import Any
 
 import yaml
@@ -12,7 +13,7 @@ DEPTH_MAX = 20  # largest depth of nested lists and mappings in a YAML text
 class PlainLoader(yaml.SafeLoader):
     """Reads strings, numbers, booleans, lists and mappings; any fault raises `yaml.YAMLError`.
 
-    As in ROS, aliases are refused, and dates are strings.
+    As in ROS, aliases are refused, dates are strings, and numbers are those of `NUMBERS`.
     """
 
     depth = 0
@@ -55,15 +56,25 @@ class PlainLoader(yaml.SafeLoader):
             ) from None
 
 
+NUMBERS = {
+    'int': r'[-+]?(?:0b[01_]+|0x[0-9a-fA-F_]+|0[0-7_]*|[1-9][0-9_]*)',
+    'float': r'[-+]?(?:[0-9][0-9_]*(?:\.[0-9_]*)?|\.[0-9][0-9_]*)(?:[eE][-+]?[0-9]+)?'
+             r'|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)',
+}
+"""Numbers as ROS reads them: 1e-4 is one, and 1:30, 90 in YAML 1.1, is a word."""
+
 PLAIN = ('str', 'int', 'float', 'bool', 'null', 'seq', 'map')
 PlainLoader.yaml_constructors = {
     tag: constructor for tag, constructor in yaml.SafeLoader.yaml_constructors.items()
     if tag is None or tag.rpartition(':')[2] in PLAIN
 }
 PlainLoader.yaml_implicit_resolvers = {
-    first: [pair for pair in pairs if pair[0] != 'tag:yaml.org,2002:timestamp']
+    first: [pair for pair in pairs if pair[0].rpartition(':')[2] not in ('timestamp', *NUMBERS)]
     for first, pairs in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
+for kind, pattern in NUMBERS.items():
+    PlainLoader.add_implicit_resolver(  # type: ignore[no-untyped-call]
+        f'tag:yaml.org,2002:{kind}', re.compile(f'(?:{pattern})$'), [*'-+.0123456789'])
 
 
 def read_yaml(text: str) -> Any:
