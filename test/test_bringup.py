@@ -22,6 +22,7 @@ from ca_ros.bringup.session import Flown
 from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.settings import DECLARED
+from ca_ros.process import processes
 from ca_ros.testing import DEADLINE, executable
 from nodes import fly_in_real_time, fly_offline, read
 from strategies import file_values, length
@@ -189,11 +190,15 @@ def test_a_full_disk_is_reported_with_the_file(tmp_path, name):
 def test_a_wait_says_what_it_waits_for_before_it_ends(monkeypatch, capsys):
     monkeypatch.setattr(session, 'PROGRESS_TIMEOUT', 0.05)
     monkeypatch.setattr(session, 'NOTICE', 0.02)
+    # The time is that of the test: the machine may be busy.
+    now = [0.0]
+    monkeypatch.setattr(processes, 'time', SimpleNamespace(monotonic=lambda: now[0]))
     patience = session.Patience()
 
     def wait():
         while True:
             patience.check('{:g} s without a wheel'.format)
+            now[0] += 0.01
 
     with pytest.raises(session.CaRosError, match=r'^0\.05 s without a wheel$'):
         wait()
