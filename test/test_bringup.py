@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 from collections import Counter
+from types import SimpleNamespace
 
 import numpy as np
 import psutil
