@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sitl import MARK, Sitl
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.px4.px4_bridge import FROM_PX4, TO_PX4
+from ca_ros.px4.px4_bridge import TO_PX4, from_px4
 from ca_ros.px4.rules import topic
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -60,7 +60,7 @@ class Pilot:
         def keep(message: Any) -> None:
             setattr(self, attribute, message)
 
-        self._node.create_subscription(kind, topic('out', name, kind), keep, FROM_PX4)
+        self._node.create_subscription(kind, topic('out', name, kind), keep, from_px4(1))
 
     def _publisher(self, name: str, kind: Any) -> Any:
         return self._node.create_publisher(kind, topic('in', name, kind), TO_PX4)
