@@ -5,8 +5,13 @@ import signal
 import time
 
 import numpy as np
+import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
+from rclpy.clock import Clock as ClockBase
+from rclpy.clock_type import ClockType
+from rclpy.serialization import serialize_message
+from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from std_srvs.srv import Trigger
@@ -17,12 +22,24 @@ from ca_ros.flight.rigid_body import (
     RigidBody,
 )
 from ca_ros.flight.settings import PlantSettings
+from ca_ros.nodes import simulator
+from ca_ros.nodes.messages import speeds_message
 from ca_ros.settings import read
 from ca_ros.testing import Diagnostics, counts
 from nodes import BODY, STEP, SimulatorClient, host, nanoseconds, published, state_array
 from strategies import EVERY_EFFECT
 
 REST = published(NULL_STATE)
+
+
+class HandClock(ClockBase):
+    """A steady clock that a test sets [ns]."""
+
+    time = 10**9
+
+    def now(self):
+        """Return the time that was set."""
+        return Time(nanoseconds=self.time, clock_type=self.clock_type)
 
 
 def test_with_every_effect_a_reset_repeats_the_flight_to_the_last_bit(graph):
@@ -83,6 +100,29 @@ def test_real_time_rests_until_the_first_command_and_keeps_to_its_grid(graph):
     labels = [message.layout.dim[1].label for message in client.speeds]
     assert not any((int(label.removeprefix('stamp ')) - grid) % STEP for label in labels)
     assert {tuple(message.data) for message in client.speeds} == {(0.0,) * 6, (300.0,) * 6}
+
+
+@pytest.mark.parametrize('after', [0.0, 0.2, 0.5, 0.9])
+def test_each_call_of_the_timer_takes_one_step_from_the_first_command_on(
+        graph, monkeypatch, after):
+    """The calls are late by up to 0.7 of a period; `after` is when the first command comes."""
+    clock = HandClock(clock_type=ClockType.STEADY_TIME)
+    monkeypatch.setattr(simulator, 'STEADY', clock)
+    node = host(graph, 'simulator', '-p', 'mode:=realtime')
+    [timer] = [each for each in node.timers if each.timer_period_ns == STEP]
+    [commands] = [each for each in node.subscriptions if each.topic_name.endswith('motor_speed')]
+    steps, step = [], node.plant.step
+    node.plant.step = lambda command: steps.append(command) or step(command)
+    begun, rng = clock.time, np.random.default_rng(0)
+    for i in range(1, 60):
+        late = round(rng.uniform(0.0, 0.7) * STEP)
+        clock.time = begun + i * STEP + late
+        timer.callback()
+        assert len(steps) == max(0, i - 20)
+        if i >= 20:
+            clock.time = begun + i * STEP + max(late, round(after * STEP))
+            data = serialize_message(speeds_message(np.full(6, 255.0), i))
+            commands.callback(data, {})
 
 
 def test_after_a_stop_the_stamps_agree_with_the_clock_again(graph):

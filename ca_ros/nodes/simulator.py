@@ -74,8 +74,6 @@ class SimulatorNode(Node):
         self._command, self._n = self.plant.speeds, vehicle.n
         self._step_ns = self.plant.time_step_ns
         self._period_ns = round(self._step_ns / settings.simulator.real_time_factor)
-        self._time = 0 if lockstep else self.get_clock().now().nanoseconds
-        self._due = STEADY.now().nanoseconds
         publish = self.streams.publish
         self._pose, self._velocity = map(publish, (topics.POSE, topics.VELOCITY))
         odometry = settings.simulator.publish_odometry
@@ -90,6 +88,10 @@ class SimulatorNode(Node):
         self.streams.subscribe_commands(self._receive, vehicle.tilts)
         period = STATE_REPEAT if lockstep else self._period_ns / 1e9
         turn = self._repeat if lockstep else self._catch_up
+        self._time = 0 if lockstep else self.get_clock().now().nanoseconds
+        # A step is due a quarter of a period before a call of the timer, so a late call, too,
+        # takes one step, and a state is published when its stamp comes.
+        self._due = STEADY.now().nanoseconds + self._period_ns * 3 // 4
         self._timer = self.create_timer(period, turn, clock=STEADY)
         self.diagnostics.start(
             lambda: self.watchdog.levels(self._state), lambda: self._counts, self.streams,
@@ -184,7 +186,7 @@ class SimulatorNode(Node):
         now = STEADY.now().nanoseconds
         behind = now - self._due
         if self._resting:
-            if self._skip(now):
+            if self._skip(now + self._period_ns):
                 self.plant.measure()
                 self._repeat()
         elif behind > BEHIND_MAX * 1e9:
