@@ -6,6 +6,7 @@ import numpy as np
 from pyulog import ULog
 
 from ca_ros import Vehicle, make_allocator
+from ca_ros.arrays import Array
 from ca_ros.px4 import frames as px4
 from ca_ros.px4.parameters import from_px4
 
@@ -17,7 +18,7 @@ vehicle = Vehicle.load('logged.yaml')
 allocator, unit = make_allocator('sequential_desaturation', vehicle), px4.units(vehicle)
 
 
-def rows(topic, name, count):
+def rows(topic: str, name: str, count: int) -> tuple[Array, Array]:
     data = log.get_dataset(topic).data
     return data['timestamp_sample'], np.column_stack([data[f'{name}[{i}]'] for i in range(count)])
 

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import rclpy
 from pilot import HOLD, OFFBOARD, Pilot
+from rclpy.utilities import try_shutdown
 from sitl import Sitl
 
 from ca_ros.testing.domain import claim
@@ -256,7 +257,7 @@ def main() -> None:
             said = fly(scenario, number, options)
             failed += 'not flown' in said
             print(said, flush=True)
-    rclpy.try_shutdown()
+    try_shutdown()
     lock.close()
     sys.exit(failed > 0)
 
