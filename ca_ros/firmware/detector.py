@@ -10,12 +10,11 @@ from ca_ros.arrays import Array
 from ca_ros.firmware.firmware import DTYPES
 from ca_ros.flight.failure_detector import FailureDetector
 from ca_ros.flight.kernel_detector import KernelDetector, packed
-from ca_ros.flight.rigid_body import inertia_of
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.settings import ParameterError, check_given, read, table
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.tilts import refuse_tilts
-from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 STEP = 0.01  # between two states of the golden flight [s]
 STATES, FAILURE = 90, 70  # states of the golden flight, and the first after the failure of rotor 1

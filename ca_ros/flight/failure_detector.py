@@ -9,14 +9,14 @@ from ca_ros.arrays import Array
 from ca_ros.flight.commanded_rotors import CommandedRotors
 from ca_ros.flight.failure_test import FailureTest, Finding
 from ca_ros.flight.momentum_observer import GAP, RESTART, MomentumObserver
-from ca_ros.flight.rigid_body import STATE_MAX, inertia_of, rotation_matrix
+from ca_ros.flight.rigid_body import STATE_MAX, rotation_matrix
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.flight.slow_rotors import SlowRotors
 from ca_ros.flight.usual_motion import UsualMotion
 from ca_ros.flight.windows import BLOCK, WINDOWS, Windows
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.validation import ABSURD
-from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 CONFIRMATIONS = 3  # tests in a row that name the same rotors before these count as failed
 REFINED = 0.5  # time after a failure in which its health is estimated further [s]

@@ -5,9 +5,9 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.flight.commanded_rotors import CommandedRotors
 from ca_ros.flight.momentum_observer import RESTART
-from ca_ros.flight.rigid_body import cross, inertia_of
+from ca_ros.flight.rigid_body import cross
 from ca_ros.flight.settings import DetectorSettings
-from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 LAGS: Array = np.linspace(0.005, 0.16, 32)  # candidates [s]
 SLOW = 0.5  # time over which errors of the prediction are learnt as disturbances [s]

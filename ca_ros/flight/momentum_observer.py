@@ -6,8 +6,8 @@ from operator import le
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.flight.rigid_body import cross, inertia_of
-from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros.flight.rigid_body import cross
+from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 MOTION = 0.05
 """Velocity [m/s] and angular velocity [rad/s] of a vehicle that moves, averaged over

@@ -13,9 +13,8 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.flight.drag import Drag
-from ca_ros.settings import MissingParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
-from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 Derivative = Callable[[Array], Array]
 
@@ -106,14 +105,6 @@ def cross(a: Array, b: Array) -> Array:
     ax, ay, az = a.tolist()
     bx, by, bz = b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
-def inertia_of(vehicle: Vehicle) -> Array:
-    """Return the inertia (3, 3) of a vehicle [kg m^2]; raise a `ParameterError` if it has none."""
-    if vehicle.inertia is None:
-        what = 'the controller and the simulation need it'
-        raise MissingParameterError(f'vehicle.inertia: missing; {what}')
-    return vehicle.inertia
 
 
 class RigidBody:

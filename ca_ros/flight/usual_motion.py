@@ -5,10 +5,9 @@ from math import expm1
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.flight.rigid_body import inertia_of
 from ca_ros.flight.settings import DetectorSettings
 from ca_ros.flight.windows import WINDOWS, Windows
-from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 FLOOR = 0.3  # least noise over that of the settings
 LEARNT = 0.95  # time after which it learns again, over the shortest window

@@ -13,7 +13,7 @@ from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.formats.recording import Recording
-from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 HIGH_PASS = 1.5  # corner of the filter of both sides of the fit [Hz]
 SMOOTH = 25.0  # corner of the low-pass of both sides, at most a quarter of the sampling rate [Hz]
@@ -27,6 +27,8 @@ SURE_WIDTH, SURE_R2 = 0.1, 0.5  # half width of the interval over the value, R^2
 EXCITED = 1e-6  # least variance of a side of the fit
 
 AXES = 'roll', 'pitch', 'yaw', 'thrust'
+
+FIRST_GUESS = 'expected a first guess, such as that of a disc of the same mass and size'
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ def identify(
     ParameterError
         If the vehicle has no inertia, its rotors tilt, or the flights are too short.
     """
-    inertia_of(vehicle)
+    inertia_of(vehicle, FIRST_GUESS)
     if vehicle.tilts is not None:
         raise ParameterError('rotors.tilt_axes: rotors that tilt cannot be identified')
     flights = [_Flight(vehicle, each, measured) for each in recordings]
@@ -220,14 +222,6 @@ def speeds_of(vehicle: Vehicle, recording: Recording, law: str | None) -> Record
     else:
         found = (np.sqrt(commands) if law == 'linear' else commands) * vehicle.speed_max
     return recording.with_stream('command', found)
-
-
-def inertia_of(vehicle: Vehicle) -> Array:
-    """Return the inertia (3, 3) of a vehicle; raise a ParameterError if it has none."""
-    if vehicle.inertia is None:
-        what = 'expected a first guess, such as that of a disc of the same mass and size'
-        raise ParameterError(f'vehicle.inertia: missing; {what}')
-    return vehicle.inertia
 
 
 class _Flight:

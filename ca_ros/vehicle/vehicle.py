@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray, constant, floats, is_constant
-from ca_ros.settings import ParameterError, check_given, read, repeated, table
+from ca_ros.settings import (
+    MissingParameterError,
+    ParameterError,
+    check_given,
+    read,
+    repeated,
+    table,
+)
 from ca_ros.vehicle import files
 from ca_ros.vehicle.geometry import rotor_axes, rotor_positions
 from ca_ros.vehicle.settings import (
@@ -405,3 +412,12 @@ def _concerns_vehicle(name: str) -> bool:
     if group == 'allocation':
         return bool(get_close_matches(rest, table(AxesSettings), cutoff=0.6))
     return bool(get_close_matches(group, ('vehicle', 'rotors'), cutoff=0.8))
+
+
+def inertia_of(
+    vehicle: Vehicle, why: str = 'the controller and the simulation need it'
+) -> Array:
+    """Return the inertia (3, 3) of a vehicle [kg m^2]; raise a `ParameterError` if it has none."""
+    if vehicle.inertia is None:
+        raise MissingParameterError(f'vehicle.inertia: missing; {why}')
+    return vehicle.inertia
