@@ -4,6 +4,7 @@ Installs each version from its commit into an environment of its own, where `ans
 kernel in C, and compares bit for bit.  Exit code 1 if answers differ.
 """
 
+import json
 import os
 import subprocess
 import sys
@@ -17,7 +18,12 @@ from typing import Any
 import numpy as np
 
 FOLDER = Path('out/compare')
-NUMPY = 'numpy==2.4.6'  # as asv.conf.json has it
+
+
+def numpy() -> str:
+    """Return the requirement of numpy that asv has, so both use one version."""
+    settings = json.loads(Path('asv.conf.json').read_text(encoding='utf-8'))
+    return f'numpy=={settings["matrix"]["req"]["numpy"][0]}'
 
 
 def git(*words: str) -> bytes:
@@ -41,7 +47,7 @@ def answers_of(revision: str) -> dict[str, Any]:
         with TarFile(fileobj=BytesIO(git('archive', commit))) as archive:
             archive.extractall(place / 'source')
         install = [str(python), '-m', 'pip', 'install', '-q', '--disable-pip-version-check']
-        subprocess.run([*install, NUMPY, str(place / 'source')], check=True, env=environ)
+        subprocess.run([*install, numpy(), str(place / 'source')], check=True, env=environ)
         (place / 'installed').touch()
     here = Path(__file__).resolve().parent.parent
     command = [str(python), '-m', 'release.answers', str(file)]

@@ -21,11 +21,9 @@ from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.diagnostics import Diagnostics, Level
 from ca_ros.nodes.executable import parameter_arguments, parse, run, split
 from ca_ros.nodes.parameters import Parameters
-from ca_ros.nodes.rotors import at_bounds
 from ca_ros.nodes.settings import ProblemSettings
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.settings import ParameterError, Settings, check_given, table
 from ca_ros.vehicle.files import ParameterFile, find
 
@@ -67,11 +65,7 @@ class Effectors:
 
     def held(self, command: Array) -> tuple[Array, IntArray]:
         """Return the wrench (6,) of a command, and which effectors are at a bound."""
-        problem = self.method.problem
-        if isinstance(problem, VectoredProblem):
-            # The sets of effectors that are vectors have no bounds.
-            return self._wrenches @ command, np.zeros(len(command), np.int8)
-        return self._wrenches @ command, at_bounds(command, problem.lower, problem.upper)
+        return self._wrenches @ command, self.problem.saturation(command)
 
 
 class ProblemBelief:

@@ -89,7 +89,7 @@ class Executor(executors.Executor):
         waitables = [waitable for waitable in waitables if waitable.is_ready(wait_set)]
         for node, subscription in subscriptions:
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-            if taken is not None and self._convertible(node, subscription.msg_type, taken[0]):
+            if taken is not None and self._convertible(node, taken[0]):
                 subscription.callback(*taken if takes_info(subscription) else taken[:1])
         for timer in self._timers:
             if timer.handle.is_timer_ready():
@@ -124,13 +124,13 @@ class Executor(executors.Executor):
                 continue
             future.set_result(response)
 
-    def _convertible(self, node: Node, kind: Any, message: Any) -> bool:
-        """Return whether rclpy's own callback, which would end the node, can convert a message."""
+    def _convertible(self, node: Node, message: Any) -> bool:
+        """Return whether rclpy's own callback of a clock, which would end the node, takes it."""
         try:
             if isinstance(message, ClockMessage):
                 Time.from_msg(message.clock)
         except ValueError as error:
-            self._warn(node, f'dropped: {kind.__name__}: {error}')
+            self._warn(node, f'dropped: {type(message).__name__}: {error}')
             return False
         return True
 

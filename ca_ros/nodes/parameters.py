@@ -33,8 +33,6 @@ from ca_ros.settings import (
     table,
 )
 
-REASON_MAX = 1000  # characters of a reason: a refused text comes back in it
-
 
 def descriptor(field: Field) -> ParameterDescriptor:
     """Return what ROS tells of a setting; tools show a slider if both of its ends are finite."""
@@ -53,6 +51,8 @@ def descriptor(field: Field) -> ParameterDescriptor:
 
 NUMBERS_MAX = 10_000
 """Entries of the arrays of a request: 100 rotors have as many in a matrix, checked in 10 ms."""
+
+REASON_MAX = 1000  # characters of a reason: a refused text comes back in it
 
 CONTRACT = 'without effect: the qualities of service are part of the contract (docs/topics.md)'
 

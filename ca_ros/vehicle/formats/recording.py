@@ -14,13 +14,13 @@ from ca_ros.input_files import check_file
 from ca_ros.settings import ParameterError
 
 STREAMS = {
-    'command': r'command_(\d+)', 'gyro': r'gyro_([xyz])', 'acc': r'acc_([xyz])',
-    'attitude': r'q([xyzw])', 'velocity': r'v([xyz])', 'speed': r'speed_measured_(\d+)',
+    'command': ('command_', ''), 'gyro': ('gyro_', 'xyz'), 'acc': ('acc_', 'xyz'),
+    'attitude': ('q', 'xyzw'), 'velocity': ('v', 'xyz'), 'speed': ('speed_measured_', ''),
 }
-"""The streams of a recording, and the names of their columns."""
+"""The streams of a recording: how the titles of their columns begin, and how they end.
 
-SIZES = {'gyro': 3, 'acc': 3, 'attitude': 4, 'velocity': 3}
-"""Columns of the streams whose number does not depend on the vehicle."""
+Without ends the columns are those of the rotors, numbered from 1.
+"""
 
 FRD = np.array([1.0, -1.0, -1.0])  # signs of front-right-down in front-left-up
 
@@ -133,11 +133,7 @@ def _from_npz(path: Path) -> dict[str, Array]:
         for name in arrays.files:
             array = np.asarray(arrays[name], float)
             if name in STREAMS and array.ndim == 2:
-                ends = {'gyro': 'xyz', 'acc': 'xyz', 'velocity': 'xyz', 'attitude': 'xyzw'}
-                begin = {'attitude': 'q', 'velocity': 'v', 'speed': 'speed_measured_'}
-                for i, column in enumerate(array.T):
-                    end = ends[name][i] if name in ends and i < len(ends[name]) else str(i + 1)
-                    columns[f'{begin.get(name, name + "_")}{end}'] = column
+                columns |= _columns(name, array)
             elif array.ndim == 1:
                 columns[name] = array
     return columns
@@ -157,34 +153,44 @@ def _from_ulog(path: Path) -> dict[str, Array]:
         'acc': ('vehicle_acceleration', [f'xyz[{i}]' for i in range(3)]),
         'attitude': ('vehicle_attitude', [f'q[{i}]' for i in (1, 2, 3, 0)]),
     }
-    ends = {'gyro': 'xyz', 'acc': 'xyz', 'attitude': 'xyzw'}
     for name, (topic, fields) in wanted.items():
         if topic in topics:
             columns[f't_{name}'] = topics[topic]['timestamp'] / 1e6
-            for i, each in enumerate(fields):
-                column = np.asarray(topics[topic][each], float)
-                end = ends[name][i] if name in ends else str(i + 1)
-                # The motors that an airframe does not have are not a number.
-                if name != 'command' or np.isfinite(column).any():
-                    columns[f'{"q" if name == "attitude" else name + "_"}{end}'] = column
+            table = np.column_stack([topics[topic][each] for each in fields]).astype(float)
+            # The motors that an airframe does not have are not a number.
+            there = np.isfinite(table).any(axis=0) | (name != 'command')
+            columns |= _columns(name, table[:, there])
     return columns
+
+
+def _titles(name: str, rotors: int) -> list[str]:
+    """Return the titles of the columns of a stream."""
+    begin, ends = STREAMS[name]
+    return [f'{begin}{end}' for end in ends or range(1, rotors + 1)]
+
+
+def _columns(name: str, table: Array) -> dict[str, Array]:
+    """Return the columns of a stream (K, c) by title; raise a ParameterError if c is wrong."""
+    titles = _titles(name, table.shape[1])
+    if len(titles) != table.shape[1]:
+        raise ParameterError(f'{name}: {table.shape[1]} columns, expected {len(titles)}')
+    return dict(zip(titles, table.T, strict=True))
 
 
 def _stream_of(title: str) -> str | None:
     """Return the stream that a column belongs to."""
-    found = (name for name, pattern in STREAMS.items() if re.fullmatch(pattern, title))
-    return next(found, None)
+    for name, (begin, ends) in STREAMS.items():
+        if re.fullmatch(rf'{begin}{f"[{ends}]" if ends else "[0-9]+"}', title):
+            return name
+    return None
 
 
 def _streams(columns: Mapping[str, Array], rotors: int) -> Recording:
     """Return the streams of columns, each without the rows in which it has no value."""
     recording = Recording()
-    for name, pattern in STREAMS.items():
-        size = SIZES.get(name, rotors)
-        ends = [str(i + 1) for i in range(size)] if name not in SIZES else list('xyzw'[:size])
-        begin = re.sub(r'\(.*', '', pattern)
-        titles = [f'{begin}{end}' for end in ends]
-        given = [title for title in columns if re.fullmatch(pattern, title)]
+    for name in STREAMS:
+        titles = _titles(name, rotors)
+        given = [title for title in columns if _stream_of(title) == name]
         if not given:
             continue
         if sorted(given) != sorted(titles):
