@@ -119,6 +119,21 @@ def test_a_flight_that_is_too_short_is_refused():
         identify(vehicle, [Recording(times, values)])
 
 
+def test_a_flight_without_command_and_gyro_at_once_is_refused():
+    vehicle, recording = flown('hexarotor')
+    times = {**recording.times, 'gyro': recording.times['gyro'] + 100.0}
+    with pytest.raises(ParameterError, match='flight: 0 s: expected 2 s or more with command'):
+        identify(vehicle, [recording, Recording(times, recording.values, 'flight')])
+
+
+def test_a_flight_without_a_whole_block_judges_nothing():
+    vehicle, recording = flown('hexarotor')
+    short = Recording(*(
+        {name: each[:550] for name, each in part.items()}
+        for part in (recording.times, recording.values)))
+    assert not identify(vehicle, [recording, short]).effectiveness['roll'].fault
+
+
 @pytest.mark.parametrize(('law', 'power'), [('linear', 2.0), ('quadratic', 1.0)])
 def test_throttles_become_speeds(law, power):
     vehicle, recording = flown('hexarotor')
@@ -158,6 +173,9 @@ def test_files_of_a_flight_are_read(tmp_path):
         for name, values in recording.values.items():
             np.testing.assert_array_equal(found.values[name], values)
             np.testing.assert_array_equal(found.times[name], recording.times[name])
+    np.savez(tmp_path / 'wide.npz', **{**recording.values, 'gyro': np.zeros((4, 4))})
+    with pytest.raises(ParameterError, match='gyro: 4 columns, expected 3'):
+        read_recording(tmp_path / 'wide.npz', 6)
     turned = read_recording(tmp_path / 'flight.csv', 6, 'frd').values
     np.testing.assert_array_equal(turned['gyro'], recording.values['gyro'] * [1, -1, -1])
 

@@ -1,0 +1,212 @@
+"""The fit of recorded flights: lag, delay, and how far thrusts move a vehicle.
+
+For a lag and a delay, the commands give thrusts, and these the motion of the vehicle in the file.
+`solve` returns the ratios between the measured motion and this one.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.optimize import minimize
+from scipy.signal import butter, lfilter, sosfilt
+
+from ca_ros.arrays import Array
+from ca_ros.settings import ParameterError
+from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.formats.recording import Recording
+from ca_ros.vehicle.vehicle import Vehicle, inertia_of
+
+HIGH_PASS = 1.5  # corner of the filter of both sides of the fit [Hz]
+SMOOTH = 25.0  # corner of the low-pass of both sides, at most a quarter of the sampling rate [Hz]
+LAG_MAX, DELAY_MAX = 0.3, 0.15  # greatest lag and delay that are tried [s]
+GRID = 9  # values of lag and of delay from which the search begins
+BLOCK = 2.0  # length of the blocks of the bootstrap and of cross-validation [s]
+NEAR = 5  # lags and delays about the best, from which each resample chooses
+EXCITED = 1e-6  # least variance of a side of the fit
+AXES = 'roll', 'pitch', 'yaw', 'thrust'
+
+
+class FlightSides:
+    """A recording on one clock, and its filtered sides of the fit for a lag and a delay."""
+
+    def __init__(self, vehicle: Vehicle, recording: Recording, measured: bool) -> None:
+        self._vehicle, self._inertia = vehicle, inertia_of(vehicle)
+        source = 'speed' if measured else 'command'
+        if source not in recording.values:
+            raise ParameterError(f'{recording.name}: no measured rotor speeds')
+        times = recording.times['gyro']
+        self._step = float(np.median(np.diff(times)))
+        start, end = recording.span
+        if end - start < BLOCK:
+            what = f'expected {BLOCK:g} s or more with command and gyro'
+            raise ParameterError(f'{recording.name}: {max(0.0, end - start):.3g} s: {what}')
+        self._time = np.arange(start, end, self._step)
+        self.blocks = int(len(self._time) * self._step / BLOCK)
+        self._commands = recording.times[source], recording.values[source]
+        gyro = recording.values['gyro']
+        # The second difference of white noise has six times its variance.
+        self.noise = float(np.sqrt(np.median(np.diff(gyro, 2, axis=0) ** 2) / 0.4549 / 6.0))
+        self._gyro = _sampled(self._time, times, gyro)
+        rate = 1.0 / self._step
+        band = [HIGH_PASS, min(SMOOTH, rate / 4.0)]
+        self._filter = butter(2, band, 'bandpass', fs=rate, output='sos')
+        self._wrenches, self._inverse = rotor_wrenches(vehicle), np.linalg.inv(self._inertia)
+        # The filters have forgotten their start after this.
+        self._begin = min(int(1.0 / self._step), len(self._time) // 4)
+        self._rates, self._up = self._filtered(self._gyro), None
+        if 'acc' in recording.values:
+            acc = _sampled(self._time, recording.times['acc'], recording.values['acc'])
+            self._up = self._filtered(acc[:, 2])
+
+    def _filtered(self, values: Array) -> Array:
+        return sosfilt(self._filter, values - values[:1], axis=0)[self._begin :]
+
+    def _models(self, lag: float, delay: float) -> tuple[Array, Array, Array]:
+        """Return the filtered rates (K, 3), those of the rotors' kick (K,), acceleration (K,)."""
+        times, commands = self._commands
+        at = np.searchsorted(times, self._time - delay, side='right') - 1
+        speeds = commands[np.maximum(at, 0)]
+        if lag > 0.0:
+            share = 1.0 - np.exp(-self._step / lag)
+            start = (1.0 - share) * speeds[:1]
+            speeds = lfilter([share], [1.0, share - 1.0], speeds, axis=0, zi=start)[0]
+        wrench = self._vehicle.thrusts(speeds) @ self._wrenches.T
+        torque = wrench[:, 3:] - np.cross(self._gyro, self._gyro @ self._inertia)
+        # The mean torque is that of a centre of mass beside the rotors' centre: the filter takes
+        # it away, but integrated it would overflow the filter's precision.
+        torque = torque - torque.mean(axis=0)
+        rates = cumulative_trapezoid(torque @ self._inverse.T, dx=self._step, axis=0, initial=0.0)
+        kick = speeds @ self._vehicle.spins
+        return (
+            self._filtered(rates), self._filtered(kick),
+            self._filtered(wrench[:, 2] / self._vehicle.mass),
+        )
+
+    def products(self, lag: float, delay: float) -> Array:
+        """Return sums over each block of products of the sides, (blocks, 4 axes, 6).
+
+        For regressors a and b and the measured side y: aa, ab, bb, ay, by, yy.
+        """
+        rates, kick, up = self._models(lag, delay)
+        none = np.zeros(len(rates))
+        pairs = [(rates[:, i], kick if i == 2 else none, self._rates[:, i]) for i in range(3)]
+        pairs.append((up, none, none if self._up is None else self._up))
+        length = max(1, round(BLOCK / self._step))
+        count = len(none) // length
+        rows = np.array([[a * a, a * b, b * b, a * y, b * y, y * y] for a, b, y in pairs])
+        blocks = rows[:, :, : count * length].reshape(*rows.shape[:2], count, length)
+        return np.moveaxis(blocks.sum(axis=3), 2, 0)
+
+
+def _sampled(time: Array, times: Array, values: Array) -> Array:
+    """Return values (K, c) of a stream at some times, interpolated."""
+    return np.column_stack([np.interp(time, times, column) for column in values.T])
+
+
+def solve(sums: Array) -> tuple[Array, float]:
+    """Return the ratios (5,) of products (4, 6): of the axes, and of the kick; and the error.
+
+    The error is the sum of the logarithms of the axes' residual variances.
+    """
+    ratios, error = np.zeros(5), 0.0
+    for i, (aa, ab, bb, ay, by, yy) in enumerate(sums):
+        if yy <= EXCITED or aa <= EXCITED:
+            ratios[i] = np.nan
+            continue
+        if i == 2 and bb > EXCITED:
+            ratios[2], ratios[4] = np.linalg.lstsq([[aa, ab], [ab, bb]], [ay, by], rcond=None)[0]
+        else:
+            ratios[i] = ay / aa
+        kick = ratios[4] if i == 2 else 0.0
+        left = yy - ratios[i] * ay - kick * by
+        error += np.log(max(left, 1e-12 * yy) / yy)
+    return ratios, error
+
+
+def best_lag(flights: Sequence[FlightSides]) -> tuple[float, float]:
+    """Return the lag and delay of the least error [s]."""
+    def error(point: Sequence[float]) -> float:
+        lag, delay = point
+        if not (0.0 <= lag <= LAG_MAX and 0.0 <= delay <= DELAY_MAX):
+            return np.inf
+        sums = sum(flight.products(lag, delay).sum(axis=0) for flight in flights)
+        return solve(np.asarray(sums))[1]
+
+    lags = LAG_MAX * np.linspace(0.0, 1.0, GRID) ** 2
+    delays = DELAY_MAX * np.linspace(0.0, 1.0, GRID) ** 2
+    first = min(((lag, delay) for lag in lags for delay in delays), key=error)
+    simplex = np.array([first, *(np.add(first, step) for step in ((0.01, 0.0), (0.0, 0.005)))])
+    options = {'initial_simplex': simplex, 'xatol': 1e-4, 'fatol': 1e-6, 'maxfev': 80}
+    lag, delay = minimize(error, first, method='Nelder-Mead', options=options).x.tolist()
+    return lag, delay
+
+
+class Products:
+    """Products of blocks for lags and delays about the best, from which a resample chooses."""
+
+    def __init__(self, points: Array, sums: Array) -> None:
+        self.points, self.sums, self.count = points, sums, sums.shape[1]
+        away = points - points[0]
+        self._reach = np.maximum(np.abs(away).max(axis=0), 1e-9)
+        self._scaled = away / self._reach
+        self._ends = self._scaled.min(axis=0), self._scaled.max(axis=0)
+        self._surface = np.linalg.pinv(_powers(self._scaled))
+
+    @classmethod
+    def of(cls, flights: Sequence[FlightSides], best: tuple[float, float]) -> 'Products':
+        """Return the products of all blocks of flights."""
+        ways = np.linspace(-1.0, 1.0, NEAR)
+        lags = np.unique(np.clip(best[0] + max(0.2 * best[0], 0.005) * ways, 0.0, LAG_MAX))
+        delays = np.unique(np.clip(best[1] + max(0.2 * best[1], 0.003) * ways, 0.0, DELAY_MAX))
+        points = np.array([best, *((lag, delay) for lag in lags for delay in delays)])
+        rows = [
+            np.concatenate([flight.products(*point) for flight in flights]) for point in points
+        ]
+        return cls(points, np.array(rows))
+
+    def measures(self, axis: int) -> bool:
+        """Return whether there is a measurement of an axis."""
+        return bool(self.sums[0, :, axis, 5].sum() > EXCITED)
+
+    def fit(self, blocks: NDArray[np.integer]) -> tuple[float, float, Array]:
+        """Return the best lag, delay and ratios for some of the blocks.
+
+        The error and the ratios are quadratic between the points.
+        """
+        found = [solve(sums[blocks].sum(axis=0)) for sums in self.sums]
+        errors = self._surface @ [error for _, error in found]
+        ratios = self._surface @ np.array([ratios for ratios, _ in found])
+        _, *slope, xx, xy, yy = errors
+        bend = np.array([[2.0 * xx, xy], [xy, 2.0 * yy]])
+        if np.linalg.eigvalsh(bend)[0] > 0.0:
+            place = np.clip(np.linalg.solve(bend, np.negative(slope)), *self._ends)
+        else:
+            place = self._scaled[min(range(len(found)), key=lambda k: found[k][1])]
+        lag, delay = self.points[0] + place * self._reach
+        return lag, delay, _powers(place[None])[0] @ ratios
+
+
+def _powers(places: Array) -> Array:
+    """Return the monomials (k, 6) up to the second degree of places (k, 2)."""
+    x, y = places.T
+    return np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
+
+
+def unseen(flights: Sequence[FlightSides], best: tuple[float, float]) -> dict[str, float]:
+    """Return the least R^2 of each axis on flights, or blocks, that were not used for the fit."""
+    parts = [part for flight in flights if len(part := flight.products(*best))]
+    if len(parts) == 1:
+        parts = np.array_split(parts[0], 3)
+    found = dict.fromkeys(AXES, np.inf)
+    for i, part in enumerate(parts):
+        rest = np.concatenate([each for k, each in enumerate(parts) if k != i])
+        ratios, _ = solve(rest.sum(axis=0))
+        for axis, name in enumerate(AXES):
+            aa, ab, bb, ay, by, yy = part[:, axis].sum(axis=0)
+            a, b = ratios[axis], ratios[4] if axis == 2 else 0.0
+            left = yy - 2.0 * (a * ay + b * by) + a * a * aa + 2.0 * a * b * ab + b * b * bb
+            quality = 1.0 - left / yy if yy > EXCITED else -np.inf
+            found[name] = min(found[name], quality if np.isfinite(quality) else -np.inf)
+    return found
