@@ -20,14 +20,14 @@ bag = ['rosbags>=0.11']
 # What `ca_ros.testing` needs, besides ROS.
 testing = ['psutil>=5.9', 'pytest>=7.4']
 mujoco = ['mujoco>=3.2']
-# What `ca_ros.evaluation` and the plot of bringup need, and no node.
+# What `ca_ros.studies` and the plot of bringup need, and no node.
 studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66']
 cluster = ['distributed>=2024.1']
 # The exact allocator in C; without a compiler the package installs all the same, and uses NumPy.
 exact = ('exact', 'least_norm', 'priorities', 'priorities_wide', 'explanation', 'module')
 # The detector of rotor failures, and the allocator of rotors that tilt.
 detector = ('detector', 'detector_module')
-commands_max = [('CA_COMMANDS', '1000')]  # as in ca_ros/flight/commanded_rotors.py
+commands_max = [('CA_COMMANDS', '1000')]  # as in ca_ros/detection/motor_model.py
 vectored = ('vectored', 'vectored_priorities', 'vectored_module')
 kernels = [
     Extension(

@@ -8,7 +8,7 @@ from benchmarks.contenders import BASELINE, POLICIES
 from benchmarks.parts import SETS, SIDES
 from benchmarks.sizes import Sizes
 from benchmarks.timing import Key, ratio
-from ca_ros.evaluation.tables import number, table
+from ca_ros.studies.tables import number, table
 
 UNIT = 'over the clipped pseudo-inverse'
 

@@ -9,7 +9,7 @@ from benchmarks.answers import WRONG
 from benchmarks.limits import limits, node_ratio
 from benchmarks.parts import SETS
 from benchmarks.sizes import Sizes
-from ca_ros.evaluation.tables import number, table
+from ca_ros.studies.tables import number, table
 
 PICTURE = '![Times per call over the clipped pseudo-inverse; hollow: wrong answers](results.png)'
 PARTS = {

@@ -16,9 +16,9 @@ from benchmarks.timing import Jobs, Key, measure, rounds
 from benchmarks.wrenches import flown, ring
 from ca_ros.allocation.exact import Exact
 from ca_ros.arrays import Array
-from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.wrench_sets import near_boundary
-from ca_ros.flight.settings import ControllerSettings
+from ca_ros.studies.cases import Case
+from ca_ros.studies.wrench_sets import near_boundary
+from ca_ros.simulation.settings import ControllerSettings
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem

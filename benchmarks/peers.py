@@ -17,7 +17,7 @@ from scipy import sparse
 
 from ca_ros.allocation.osqp_program import osqp_program
 from ca_ros.arrays import Array
-from ca_ros.evaluation.comparison import hierarchical
+from ca_ros.studies.comparison import hierarchical
 from ca_ros.problem.problem import AllocationProblem
 
 Call = Callable[[Array], Any]  # from a wrench (m,) [N, N m] to an answer

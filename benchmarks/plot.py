@@ -8,7 +8,7 @@ from matplotlib.patheffects import withStroke
 
 from benchmarks.contenders import BASELINE
 from benchmarks.parts import SETS
-from ca_ros.evaluation.plot_style import title
+from ca_ros.studies.plot_style import title
 from ca_ros.figures import COLORS, DASHED, label_decades, sheet, style
 
 ROWS = {

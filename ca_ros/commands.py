@@ -19,14 +19,14 @@ parameters.
 
 COMMANDS = {
     **{node: f'ca_ros.nodes.{node}' for node in NODES},
-    'attainable': 'ca_ros.evaluation.sets.attainable',
+    'attainable': 'ca_ros.studies.sets.attainable',
     'bringup': 'ca_ros.bringup.bringup',
-    'dynamic_study': 'ca_ros.evaluation.dynamic.study',
-    'fault_proxy': 'ca_ros.bringup.fault_proxy',
+    'dynamic_study': 'ca_ros.studies.dynamic.study',
+    'fault_proxy': 'ca_ros.nodes.fault_proxy',
     'firmware': 'ca_ros.firmware.command',
     'monitor': 'ca_ros.nodes.monitor',
-    'px4_bridge': 'ca_ros.px4.px4_bridge',
-    'static_study': 'ca_ros.evaluation.static.study',
+    'px4_bridge': 'ca_ros.px4.bridge',
+    'static_study': 'ca_ros.studies.static.study',
     'viewer': 'ca_ros.nodes.viewer',
 }
 """The module of each command, which has the function main."""

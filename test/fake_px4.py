@@ -13,11 +13,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ca_ros import Exact
-from ca_ros.flight.controller import Controller
-from ca_ros.flight.plant import Plant, body_of
-from ca_ros.flight.rigid_body import ATTITUDE, POSITION, VELOCITY, velocity_in_body
-from ca_ros.flight.settings import ControllerSettings, PlantSettings
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.control.controller import Controller
+from ca_ros.simulation.plant import Plant, body_of
+from ca_ros.simulation.rigid_body import ATTITUDE, POSITION, VELOCITY, velocity_in_body
+from ca_ros.simulation.settings import ControllerSettings, PlantSettings
+from ca_ros.control.waypoint import Waypoint
 
 HOLD, RTL, OFFBOARD, EXTERNAL1 = 4, 5, 14, 23
 DISARMED, ARMED = 1, 2

@@ -20,9 +20,9 @@ from std_msgs.msg import Float64MultiArray, Int8MultiArray, MultiArrayDimension
 
 from ca_ros import Vehicle, control_allocation_matrix
 from ca_ros.allocation.settings import allocator_of
-from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller
-from ca_ros.flight.rigid_body import (
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.control.controller import Controller
+from ca_ros.simulation.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
     NULL_STATE,
@@ -30,7 +30,7 @@ from ca_ros.flight.rigid_body import (
     RigidBody,
     velocity_in_body,
 )
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.controller import ControllerNode
 from ca_ros.nodes.executable import parse

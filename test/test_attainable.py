@@ -5,7 +5,7 @@ import pytest
 from matplotlib import image
 
 from ca_ros import AdmissibleSet, Vehicle
-from ca_ros.evaluation.sets.attainable import draw, main
+from ca_ros.studies.sets.attainable import draw, main
 from strategies import length
 
 

@@ -16,7 +16,7 @@ from benchmarks.parts import SETS
 from benchmarks.sizes import QUICK
 from benchmarks.timing import Key
 from ca_ros import AdmissibleSet, make_allocator
-from ca_ros.evaluation.wrench_sets import near_boundary, samples
+from ca_ros.studies.wrench_sets import near_boundary, samples
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import FLEET, HEXAROTOR
 

@@ -15,7 +15,7 @@ from ca_ros import ParameterError, Vehicle
 from ca_ros.__main__ import main
 from ca_ros.px4 import motor_order
 from ca_ros.vehicle.formats import gazebo
-from ca_ros.vehicle.urdf import read_urdf
+from ca_ros.vehicle.formats.urdf import read_urdf
 from nodes import refused
 from strategies import FLEET
 

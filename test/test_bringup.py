@@ -15,11 +15,11 @@ from geometry_msgs.msg import PoseStamped
 from matplotlib import image
 
 from ca_ros import Vehicle
-from ca_ros.bringup import session
+from ca_ros.bringup import flight
 from ca_ros.bringup.agreement import check, differences
 from ca_ros.bringup.bringup import main, write_results
 from ca_ros.bringup.options import parse
-from ca_ros.bringup.session import Flown
+from ca_ros.bringup.flight import Flown
 from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.settings import DECLARED
@@ -189,19 +189,19 @@ def test_a_full_disk_is_reported_with_the_file(tmp_path, name):
 # Flights that end before their time
 
 def test_a_wait_says_what_it_waits_for_before_it_ends(monkeypatch, capsys):
-    monkeypatch.setattr(session, 'PROGRESS_TIMEOUT', 0.05)
-    monkeypatch.setattr(session, 'NOTICE', 0.02)
+    monkeypatch.setattr(flight, 'PROGRESS_TIMEOUT', 0.05)
+    monkeypatch.setattr(flight, 'NOTICE', 0.02)
     # The time is that of the test: the machine may be busy.
     now = [0.0]
     monkeypatch.setattr(processes, 'time', SimpleNamespace(monotonic=lambda: now[0]))
-    patience = session.Patience()
+    patience = flight.Patience()
 
     def wait():
         while True:
             patience.check('{:g} s without a wheel'.format)
             now[0] += 0.01
 
-    with pytest.raises(session.CaRosError, match=r'^0\.05 s without a wheel$'):
+    with pytest.raises(flight.CaRosError, match=r'^0\.05 s without a wheel$'):
         wait()
     assert capsys.readouterr().err.splitlines()[0] == (
         'bringup: 0.02 s without a wheel; waiting up to 0.05 s')

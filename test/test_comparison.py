@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ca_ros import AdmissibleSet, Status, make_allocator
-from ca_ros.evaluation.comparison import DirectAboutHover, HierarchicalDaqp
-from ca_ros.evaluation.wrench_sets import samples
+from ca_ros.studies.comparison import DirectAboutHover, HierarchicalDaqp
+from ca_ros.studies.wrench_sets import samples
 from strategies import HEXAROTOR
 
 SET = AdmissibleSet(HEXAROTOR)

@@ -13,7 +13,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ca_ros import ParameterError
 from ca_ros.bringup.recorder import Recorder
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.controller import ControllerNode
 from ca_ros.nodes.executor import Executor

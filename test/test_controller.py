@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ca_ros import AdmissibleSet
-from ca_ros.flight.controller import Controller
-from ca_ros.flight.record import Flight
-from ca_ros.flight.rigid_body import (
+from ca_ros.control.controller import Controller
+from ca_ros.simulation.record import Flight
+from ca_ros.simulation.rigid_body import (
     heading,
     tilt,
 )
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.prioritization import THRUST_DEVIATIONS, PrioritiesSettings
 from strategies import FLEET, HEXAROTOR, settings_of
 

@@ -11,22 +11,22 @@ import pytest
 
 from ca_ros import Vehicle
 from ca_ros.errors import CaRosError
-from ca_ros.evaluation.cases import PAPER, Case
-from ca_ros.evaluation.dynamic import study as dynamic_study
-from ca_ros.evaluation.dynamic.manoeuvres import median_of, share_of
-from ca_ros.evaluation.dynamic.metrics import Flights, metrics, sample_errors
-from ca_ros.evaluation.dynamic.paper_checks import findings, observe
-from ca_ros.evaluation.dynamic.plots import coinciding_groups
-from ca_ros.evaluation.dynamic.ros_flight import fly_over_ros
-from ca_ros.evaluation.dynamic.study import main
-from ca_ros.evaluation.tables import latex
-from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.controller import Controller
-from ca_ros.flight.record import Flight
-from ca_ros.flight.rigid_body import RigidBody
-from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.flight.trajectory import Trajectory
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.studies.cases import PAPER, Case
+from ca_ros.studies.dynamic import study as dynamic_study
+from ca_ros.studies.dynamic.manoeuvres import median_of, share_of
+from ca_ros.studies.dynamic.metrics import Flights, metrics, sample_errors
+from ca_ros.studies.dynamic.paper_checks import findings, observe
+from ca_ros.studies.dynamic.plots import coinciding_groups
+from ca_ros.studies.dynamic.ros_flight import fly_over_ros
+from ca_ros.studies.dynamic.study import main
+from ca_ros.studies.tables import latex
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.control.controller import Controller
+from ca_ros.simulation.record import Flight
+from ca_ros.simulation.rigid_body import RigidBody
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import EVERY_EFFECT, HEXAROTOR, length, settings_of

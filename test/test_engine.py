@@ -13,10 +13,11 @@ from threading import Barrier
 import pytest
 
 from ca_ros.errors import CaRosError
-from ca_ros.evaluation import engine, result_files
-from ca_ros.evaluation.engine import code, compute
-from ca_ros.evaluation.static import study
-from ca_ros.evaluation.static.study import main
+from ca_ros.studies import engine
+from ca_ros.studies import result_files
+from ca_ros.studies.engine import code, compute
+from ca_ros.studies.static import study
+from ca_ros.studies.static.study import main
 
 COUNT = 12
 EXPECTED = [[number, 1.0 / (number + 3.0)] for number in range(COUNT)]

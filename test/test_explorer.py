@@ -13,7 +13,7 @@ from ca_ros import AdmissibleSet, Exact, Vehicle, control_allocation_matrix, mak
 from ca_ros.__main__ import main
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.settings import AllocatedVehicleSettings
-from ca_ros.evaluation.comparison import FixedPseudoInverse
+from ca_ros.studies.comparison import FixedPseudoInverse
 from ca_ros.explore import PAGE
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import problem_of

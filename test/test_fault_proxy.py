@@ -7,8 +7,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 
-from ca_ros.bringup.fault_proxy import PREFIX, FaultProxyNode
-from ca_ros.bringup.link_faults import LINK_CORRUPTIONS, FaultSettings, corrupted
+from ca_ros.nodes.fault_proxy import PREFIX, FaultProxyNode
+from ca_ros.nodes.link_faults import LINK_CORRUPTIONS, FaultSettings, corrupted
 from ca_ros.settings import table
 from ca_ros.testing import BEST_EFFORT, DEADLINE, six, wrench
 from nodes import fly_in_real_time, refused, run_all

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ca_ros import ParameterError
-from ca_ros.bringup.link_faults import (
+from ca_ros.nodes.link_faults import (
     CORRUPTIONS,
     LINK_CORRUPTIONS,
     Fate,

@@ -18,9 +18,9 @@ from ca_ros import (
     control_allocation_matrix,
 )
 from ca_ros.allocation.weighted_least_squares import WeightedLeastSquares
-from ca_ros.evaluation.dynamic import study as dynamic_study
-from ca_ros.evaluation.plot_style import styles
-from ca_ros.evaluation.static import study as static_study
+from ca_ros.studies.dynamic import study as dynamic_study
+from ca_ros.studies.plot_style import styles
+from ca_ros.studies.static import study as static_study
 from strategies import (
     FLEET,
     HEXAROTOR,

@@ -11,12 +11,12 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from ca_ros.bringup.agreement import check, combined, not_compared
 from ca_ros.bringup.options import parse
-from ca_ros.bringup.timeline import Timeline
+from ca_ros.bringup.scenario import Timeline
 from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
-from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.flight.trajectory import Trajectory
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes.settings import DECLARED
 from ca_ros.nodes.topics import STANDING
 from ca_ros.testing import Diagnostics
@@ -109,7 +109,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from ca_ros import Vehicle
-from ca_ros.flight.rigid_body import NULL_STATE, RigidBody, velocity_in_body
+from ca_ros.simulation.rigid_body import NULL_STATE, RigidBody, velocity_in_body
 
 stop = []
 signal.signal(signal.SIGTERM, lambda number, _: stop.append(number))

@@ -8,7 +8,7 @@ import pytest
 
 from ca_ros import Exact, ParameterError, Vehicle
 from ca_ros.__main__ import main
-from ca_ros.flight.record import Flight
+from ca_ros.simulation.record import Flight
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.formats.edited_yaml import with_values
 from ca_ros.vehicle.formats.recording import Recording, read_recording

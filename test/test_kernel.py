@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ca_ros import AdmissibleSet, Status, make_allocator
-from ca_ros.allocation.exact_engines import kernel_for
+from ca_ros.allocation.box_backend import kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.result import Allocation
 from ca_ros.kernel import INVALID, load, warn_if_missing

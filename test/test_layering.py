@@ -37,7 +37,7 @@ EVERY_MODULE = """
 import ca_ros
 
 ROOMS = ('ca_ros.nodes.', 'ca_ros.process.', 'ca_ros.bringup.', 'ca_ros.testing',
-         'ca_ros.px4.px4_bridge')
+         'ca_ros.px4.bridge')
 names = [module.name for module in walk_packages(ca_ros.__path__, 'ca_ros.')
          if not module.name.startswith(ROOMS)]
 for name in names:
@@ -85,7 +85,7 @@ sys.path.insert(0, {str(Path(__file__).parent.parent)!r})
 def test_every_module_but_the_nodes_imports_without_ros(tmp_path):
     result = run(tmp_path, EVERY_MODULE)
     assert result.returncode == 0, result.stderr
-    modules = {'ca_ros.vehicle.vehicle', 'ca_ros.allocation.exact', 'ca_ros.flight.closed_loop'}
+    modules = {'ca_ros.vehicle.vehicle', 'ca_ros.allocation.exact', 'ca_ros.simulation.closed_loop'}
     assert modules <= set(result.stdout.split())
 
 

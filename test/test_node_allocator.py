@@ -244,7 +244,9 @@ def test_a_change_of_health_counts_from_the_next_command_on_and_loses_none(chang
 OWN = """
 import numpy as np
 
-from ca_ros.allocation import Allocation, PseudoInverse, Status
+from ca_ros.allocation import Allocation
+from ca_ros.allocation import PseudoInverse
+from ca_ros.allocation import Status
 
 
 class Own(PseudoInverse):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from rcl_interfaces.msg import Log
 
-from ca_ros.flight.controller import Controller
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.control.controller import Controller
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.testing import Graph, counts, six
 from nodes import (
     LAW,

@@ -8,11 +8,11 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
-from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.dynamic.ros_flight import fly_over_ros
-from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.studies.cases import Case
+from ca_ros.studies.dynamic.ros_flight import fly_over_ros
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes.messages import speeds_message, stamp
 from ca_ros.nodes.topics import STANDING
 from ca_ros.testing import Diagnostics, wrench

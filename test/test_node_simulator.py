@@ -16,12 +16,12 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from std_srvs.srv import Trigger
 
-from ca_ros.flight.plant import Plant, body_of
-from ca_ros.flight.rigid_body import (
+from ca_ros.simulation.plant import Plant, body_of
+from ca_ros.simulation.rigid_body import (
     NULL_STATE,
     RigidBody,
 )
-from ca_ros.flight.settings import PlantSettings
+from ca_ros.simulation.settings import PlantSettings
 from ca_ros.nodes import simulator
 from ca_ros.nodes.messages import speeds_message
 from ca_ros.settings import read

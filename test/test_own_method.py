@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from ca_ros import ParameterError, Status, make_allocator
-from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.static import study as static_study
+from ca_ros.studies.cases import Case
+from ca_ros.studies.static import study as static_study
 from strategies import HEXAROTOR, file_values
 
 PAGE = Path(__file__).resolve().parent.parent / 'docs' / 'own_method.md'

@@ -98,7 +98,7 @@ def test_the_wheel_has_the_package_and_what_ros_needs(wheel):
     library = {str(path.relative_to(ROOT)) for path in (ROOT / 'ca_ros/kernel').glob('*.[ch]')}
     assert len(library) > 4
     assert modules | library | {
-        'ca_ros/py.typed', 'ca_ros/evaluation/templates/static.md',
+        'ca_ros/py.typed', 'ca_ros/studies/templates/static.md',
         'ca_ros/process/discovery.xml'} <= set(names)
     # `make test-all` and the workflow of releases build the page first.
     if (ROOT / 'ca_ros/explorer.html').is_file() or all(map(shutil.which, PAGE_TOOLS)):

@@ -10,10 +10,10 @@ import pytest
 import yaml
 
 from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
-from ca_ros.evaluation.cases import Case
-from ca_ros.flight.controller import Controller
-from ca_ros.flight.rigid_body import RigidBody
-from ca_ros.flight.settings import ControllerSettings
+from ca_ros.studies.cases import Case
+from ca_ros.control.controller import Controller
+from ca_ros.simulation.rigid_body import RigidBody
+from ca_ros.simulation.settings import ControllerSettings
 from ca_ros.nodes.settings import (
     DECLARED,
     AllocatorSettings,

@@ -9,12 +9,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from ca_ros.evaluation.cases import Case
-from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.drag import Drag, Wind
-from ca_ros.flight.motor_lag import lagged
-from ca_ros.flight.plant import Plant, body_of
-from ca_ros.flight.rigid_body import (
+from ca_ros.studies.cases import Case
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.simulation.drag import Drag, Wind
+from ca_ros.vehicle.motor_lag import lagged
+from ca_ros.simulation.plant import Plant, body_of
+from ca_ros.simulation.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
     NULL_STATE,
@@ -22,8 +22,8 @@ from ca_ros.flight.rigid_body import (
     VELOCITY,
     RigidBody,
 )
-from ca_ros.flight.settings import PlantSettings
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.simulation.settings import PlantSettings
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.settings import ParameterError, read, table
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from strategies import EVERY_EFFECT, HEXAROTOR

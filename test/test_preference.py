@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ca_ros import AllocationProblem, Status, Vehicle, make_allocator
-from ca_ros.allocation.exact_engines import NumpyEngine, kernel_for
+from ca_ros.allocation.box_backend import NumpyEngine, kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.kernel import load
 from strategies import around, by_daqp, by_quadprog, length, need_kernel

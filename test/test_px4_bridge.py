@@ -147,7 +147,7 @@ globals().update({name: getattr(cases, name) for name in (
 
 
 def bridge_of(graph, **values):
-    from ca_ros.px4.px4_bridge import Px4Bridge
+    from ca_ros.px4.bridge import Px4Bridge
 
     given = file_values('hexarotor', kind=Px4NodeSettings)
     given |= {f'px4.{name}': value for name, value in values.items()}

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from ca_ros import Exact, ParameterError, Vehicle
-from ca_ros.flight.controller import Controller
-from ca_ros.flight.failure_detector import FailureDetector
-from ca_ros.flight.kernel_detector import make_detector
-from ca_ros.flight.plant import body_of
-from ca_ros.flight.settings import ControllerSettings, PlantSettings
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.control.controller import Controller
+from ca_ros.detection.failure_detector import FailureDetector
+from ca_ros.detection.kernel_detector import make_detector
+from ca_ros.simulation.plant import body_of
+from ca_ros.simulation.settings import ControllerSettings, PlantSettings
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes.settings import Px4Settings
 from ca_ros.problem.audit import accept
 from ca_ros.px4.rules import Rules, topic

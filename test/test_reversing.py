@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from ca_ros import ALLOCATORS, ParameterError, Status, Vehicle, make_allocator
-from ca_ros.evaluation.cases import Case
-from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.rigid_body import ATTITUDE, NULL_STATE, VELOCITY, RigidBody
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.studies.cases import Case
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.simulation.rigid_body import ATTITUDE, NULL_STATE, VELOCITY, RigidBody
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes.watchdog import fallback
 
 ROV = Vehicle.load('rov')

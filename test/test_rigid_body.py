@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from ca_ros.flight.drag import Drag
-from ca_ros.flight.rigid_body import (
+from ca_ros.simulation.drag import Drag
+from ca_ros.simulation.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
     NULL_STATE,

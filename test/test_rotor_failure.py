@@ -14,13 +14,13 @@ from ca_ros import ALLOCATORS, ParameterError, Status, Vehicle, make_allocator
 from ca_ros.bringup.bringup import main as bringup
 from ca_ros.bringup.flight_options import failure_words
 from ca_ros.bringup.plan import Plan
-from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.dynamic.study import main as dynamic_study
-from ca_ros.flight.closed_loop import Change, fly
-from ca_ros.flight.controller import Controller
-from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.flight.trajectory import Trajectory
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.studies.cases import Case
+from ca_ros.studies.dynamic.study import main as dynamic_study
+from ca_ros.simulation.closed_loop import Change, fly
+from ca_ros.control.controller import Controller
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.testing import Diagnostics, wrench
 from ca_ros.vehicle.files import find

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ca_ros.errors import CaRosError
-from ca_ros.flight.rigid_body import NULL_STATE
+from ca_ros.simulation.rigid_body import NULL_STATE
 from ca_ros.nodes.messages import speeds_message, stamp, state_messages
 from ca_ros.nodes.topics import POSE, SPEEDS, VELOCITY
 from ca_ros.process.samples import Samples

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ca_ros import Status, Vehicle, make_allocator
-from ca_ros.allocation.exact_engines import kernel_for
+from ca_ros.allocation.box_backend import kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.kernel import load
 from ca_ros.problem.audit import audit

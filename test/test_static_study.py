@@ -20,12 +20,12 @@ from ca_ros import (
 )
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.arguments import split
-from ca_ros.evaluation.cases import PAPER, Case
-from ca_ros.evaluation.errors import evaluate
-from ca_ros.evaluation.result_files import write
-from ca_ros.evaluation.static import study as static_study
-from ca_ros.evaluation.static.study import main
-from ca_ros.evaluation.wrench_sets import SAMPLINGS, gauge, samples
+from ca_ros.studies.cases import PAPER, Case
+from ca_ros.studies.errors import evaluate
+from ca_ros.studies.result_files import write
+from ca_ros.studies.static import study as static_study
+from ca_ros.studies.static.study import main
+from ca_ros.studies.wrench_sets import SAMPLINGS, gauge, samples
 from ca_ros.vehicle.files import config_directory
 from strategies import length
 

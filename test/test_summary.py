@@ -10,14 +10,14 @@ import pytest
 from ca_ros import Vehicle
 from ca_ros.bringup import summary
 from ca_ros.bringup.served import served
-from ca_ros.bringup.session import Flown
+from ca_ros.bringup.flight import Flown
 from ca_ros.bringup.summary import summarize
-from ca_ros.evaluation.cases import Case
-from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.record import Flight
-from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.flight.trajectory import Trajectory
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.studies.cases import Case
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.simulation.record import Flight
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
 from nodes import GOAL, fly_offline
 from strategies import file_values
 

@@ -12,11 +12,11 @@ from ca_ros import ParameterError, Vehicle
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.bringup.flight_options import failure_words
-from ca_ros.evaluation.cases import Case
+from ca_ros.studies.cases import Case
 from ca_ros.firmware.detector import detector_of
-from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.flight.trajectory import Trajectory
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.control.trajectory import Trajectory
 from ca_ros.nodes.allocator import ProblemAllocatorNode
 from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.controller import ControllerNode

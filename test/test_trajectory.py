@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ca_ros import ParameterError
-from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.dynamic import study
-from ca_ros.flight.closed_loop import fly
-from ca_ros.flight.trajectory import Trajectory
+from ca_ros.studies.cases import Case
+from ca_ros.studies.dynamic import study
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.control.trajectory import Trajectory
 
 SQUARE = """t,x,y,z,heading
 0,1,0,1,0

@@ -16,13 +16,13 @@ from ca_ros import (
     Vehicle,
     make_allocator,
 )
-from ca_ros.allocation.exact_engines import kernel_for
+from ca_ros.allocation.box_backend import kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.tilt_rates import TiltLimited
 from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.solver.convex_sets import ConvexSets
-from ca_ros.solver.sets_newton import SetsNewton
+from ca_ros.solver.least_norm_over_sets import SetsNewton
 from ca_ros.vehicle.files import read
 from ca_ros.vehicle.settings import AXES
 from strategies import length

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 from ca_ros import AdmissibleSet, AllocationProblem, Vehicle, make_allocator
-from ca_ros.evaluation.wrench_metrics import (
+from ca_ros.studies.wrench_metrics import (
     cells,
     energy,
     exceeded_axes,
@@ -14,7 +14,7 @@ from ca_ros.evaluation.wrench_metrics import (
     metrics,
     reversed_axes,
 )
-from ca_ros.evaluation.wrench_sets import samples
+from ca_ros.studies.wrench_sets import samples
 
 AXES = ('thrust', 'roll', 'pitch', 'yaw')
 

@@ -9,7 +9,7 @@ from ca_ros.arrays import Array, BoolArray
 from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.solver.dual_newton import DualNewton
+from ca_ros.solver.least_norm_qp import DualNewton
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

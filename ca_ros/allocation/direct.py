@@ -5,7 +5,7 @@ import numpy as np
 from ca_ros.allocation.allocator import Allocator, Subject
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
-from ca_ros.solver.simplex import Simplex
+from ca_ros.solver.lexicographic_lp import Simplex
 
 GOLDEN = (5.0**0.5 - 1.0) / 2.0
 

@@ -11,11 +11,11 @@ from numpy import empty, ndarray
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
-from ca_ros.allocation.exact_engines import NumpyEngine, kernel_for
+from ca_ros.allocation.box_backend import NumpyEngine, kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.explanation import BY_ORDER, BY_POLICY, Explanation, explained
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
-from ca_ros.allocation.vectored_engine import VectoredEngine
+from ca_ros.allocation.sets_backend import VectoredEngine
 from ca_ros.arrays import Array, floats
 from ca_ros.kernel import INVALID, chosen, warn_if_missing
 from ca_ros.problem.limits import Limits

@@ -14,7 +14,7 @@ from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import ConvexSet, Interval, Sector
-from ca_ros.vehicle.tilts import FIXED, Tilts
+from ca_ros.vehicle.servos import FIXED, Tilts
 from ca_ros.vehicle.validation import numbers
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ca_ros.arguments import full_name
-from ca_ros.bringup.fault_proxy import remaps
+from ca_ros.nodes.fault_proxy import remaps
 from ca_ros.commands import HINTS, NODES
 from ca_ros.figures import WIDTHS
-from ca_ros.flight.rotor_failures import RotorFailures
-from ca_ros.flight.trajectory import Trajectory
+from ca_ros.simulation.rotor_failures import RotorFailures
+from ca_ros.control.trajectory import Trajectory
 from ca_ros.nodes.executable import vehicle_arguments, vehicle_of
 from ca_ros.nodes.settings import DECLARED, HealthSettings, MonitorSettings, ViewerSettings
 from ca_ros.nodes.topics import MARKERS

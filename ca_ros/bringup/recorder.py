@@ -12,10 +12,10 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.bringup.link_faults import LINK_NAMES
+from ca_ros.nodes.link_faults import LINK_NAMES
 from ca_ros.errors import CaRosError
-from ca_ros.flight.record import Flight
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.simulation.record import Flight
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import speeds_stamp
 from ca_ros.nodes.settings import DECLARED

@@ -8,11 +8,11 @@ from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.reconfiguration import Reconfiguration
 from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
-from ca_ros.bringup.session import Flown
-from ca_ros.flight.controller import Controller
-from ca_ros.flight.rotor_failures import RotorFailures
-from ca_ros.flight.settings import ControlSettings
-from ca_ros.flight.trajectory import Trajectory
+from ca_ros.bringup.flight import Flown
+from ca_ros.control.controller import Controller
+from ca_ros.simulation.rotor_failures import RotorFailures
+from ca_ros.simulation.settings import ControlSettings
+from ca_ros.control.trajectory import Trajectory
 from ca_ros.problem.audit import Audit
 from ca_ros.problem.limits import shares
 from ca_ros.settings import ParameterError, read, table

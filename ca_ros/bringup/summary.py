@@ -8,11 +8,11 @@ import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.bringup.plan import POSITION_TOLERANCE
-from ca_ros.bringup.session import Flown
-from ca_ros.flight.record import Flight
-from ca_ros.flight.rigid_body import difference
-from ca_ros.flight.rotor_failures import RotorFailures
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.bringup.flight import Flown
+from ca_ros.simulation.record import Flight
+from ca_ros.simulation.rigid_body import difference
+from ca_ros.simulation.rotor_failures import RotorFailures
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 

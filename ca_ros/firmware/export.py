@@ -19,7 +19,7 @@ from ca_ros.firmware.firmware import DTYPES, LIMIT, Firmware
 from ca_ros.firmware.footprint import instructions, measure
 from ca_ros.firmware.tilting import TiltingFirmware
 from ca_ros.firmware.worst_case import Bounds, Worst
-from ca_ros.flight.failure_detector import FailureDetector
+from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.problem.controllability import unit
 from ca_ros.settings import ParameterError
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ca_ros.allocation.exact_engines import kernel_for
+from ca_ros.allocation.box_backend import kernel_for
 from ca_ros.allocation.reach import reached
 from ca_ros.allocation.result import Status
 from ca_ros.allocation.settings import VehicleMethodSettings, full_names

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ca_ros.allocation.settings import VehicleMethodSettings
-from ca_ros.allocation.vectored_engine import VectoredEngine
+from ca_ros.allocation.sets_backend import VectoredEngine
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.firmware.firmware import Firmware
@@ -18,7 +18,7 @@ from ca_ros.kernel.vectored import made, padded
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
 from ca_ros.settings import ParameterError
-from ca_ros.vehicle.tilts import Tilts
+from ca_ros.vehicle.servos import Tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.kernel import extension
 from ca_ros.solver.convex_sets import ConvexSets
-from ca_ros.solver.sets_newton import Line, SetsNewton, SetsSolution
+from ca_ros.solver.least_norm_over_sets import Line, SetsNewton, SetsSolution
 
 
 def chosen(components: int, axes: int) -> Any:

@@ -14,9 +14,9 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
 from ca_ros.arrays import Array
-from ca_ros.flight.controller import Controller
-from ca_ros.flight.rigid_body import tilt
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.control.controller import Controller
+from ca_ros.simulation.rigid_body import tilt
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.answers import Answers
 from ca_ros.nodes.belief import Belief

@@ -12,7 +12,7 @@ from ca_ros.allocation.settings import (
     own_methods,
     with_methods,
 )
-from ca_ros.flight.settings import ControlSettings, DetectorSettings, PlantSettings
+from ca_ros.simulation.settings import ControlSettings, DetectorSettings, PlantSettings
 from ca_ros.settings import (
     Numbers,
     ParameterError,

@@ -12,8 +12,8 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from ca_ros.arrays import Array
-from ca_ros.flight.plant import Plant, body_of
-from ca_ros.flight.rigid_body import (
+from ca_ros.simulation.plant import Plant, body_of
+from ca_ros.simulation.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
     POSITION,

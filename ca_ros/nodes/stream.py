@@ -20,7 +20,7 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.messages import speeds_stamp
 from ca_ros.nodes.rclpy_internals import RMWError
 from ca_ros.nodes.topics import Topic, offered, requested
-from ca_ros.vehicle.tilts import Tilts
+from ca_ros.vehicle.servos import Tilts
 
 _Taken = tuple[bytes, dict[str, Any]]  # a serialized message and the information about it
 SIZE_MAX = 16384  # largest message of a stream [bytes]: 2000 rotor speeds

@@ -13,8 +13,8 @@ import numpy as np
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import Numbers, ParameterError, Settings, setting
-from ca_ros.solver.dual_newton import AIM, sum_rounding
-from ca_ros.solver.simplex import ZERO, Simplex
+from ca_ros.solver.least_norm_qp import AIM, sum_rounding
+from ca_ros.solver.lexicographic_lp import ZERO, Simplex
 from ca_ros.vehicle.settings import AXES, AxesSettings
 
 INSIDE = 0.99  # greatest share of the way to the boundary at which a line may begin

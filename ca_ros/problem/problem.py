@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from ca_ros.arrays import Array, BoolArray, IntArray, constant, floats
 from ca_ros.problem.files import read_problem
 from ca_ros.settings import Numbers, ParameterError, repeated
-from ca_ros.solver.dual_newton import DualNewton, meets
-from ca_ros.solver.simplex import Simplex
+from ca_ros.solver.least_norm_qp import DualNewton, meets
+from ca_ros.solver.lexicographic_lp import Simplex
 from ca_ros.solver.zonotope import Zonotope, decomposition
 from ca_ros.vehicle.files import shipped_problems
 from ca_ros.vehicle.validation import ABSURD, different_names, numbers, ordered_bounds

@@ -8,7 +8,7 @@ import numpy as np
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.kernel.vectored import sets_newton
 from ca_ros.solver.convex_sets import ConvexSets, Interval
-from ca_ros.solver.sets_newton import TOLERANCE, SetsNewton
+from ca_ros.solver.least_norm_over_sets import TOLERANCE, SetsNewton
 
 SETTLED = 1e-9  # share by which a margin may still shrink when the search for it ends
 SEARCHES = 20  # limit of the lines or points of one search for a margin

@@ -16,7 +16,7 @@ from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
 from ca_ros.problem.supported_set import SupportedSet
 from ca_ros.settings import Numbers, repeated
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
-from ca_ros.solver.sets_newton import SetsNewton
+from ca_ros.solver.least_norm_over_sets import SetsNewton
 
 INSIDE_MIN = 1e-9
 """Least share of the way from the middle of the set beyond the reference, if that is inside."""

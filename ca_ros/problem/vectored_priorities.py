@@ -26,7 +26,7 @@ from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import ConvexSets, Interval
 from ca_ros.solver.faces import LEVEL, face, independent, whole
-from ca_ros.solver.sets_newton import SetsNewton
+from ca_ros.solver.least_norm_over_sets import SetsNewton
 
 YIELD = 1e-7
 """How far a more important axis may give way to the next steps, as a share of its range."""

@@ -28,7 +28,7 @@ from ca_ros.arrays import Array
 from ca_ros.nodes.settings import Px4Settings
 from ca_ros.px4 import frames
 from ca_ros.settings import ParameterError
-from ca_ros.vehicle.tilts import refuse_tilts
+from ca_ros.vehicle.servos import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 NAME = 'ca_ros'  # of the external mode, as QGroundControl shows it

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ca_ros.bringup.fault_proxy import PREFIX
+from ca_ros.nodes.fault_proxy import PREFIX
 from ca_ros.process.diagnostics import counts
 from ca_ros.testing.graph import Diagnostics, Graph, Parameters
 

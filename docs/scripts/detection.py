@@ -9,16 +9,16 @@ from time import process_time
 import numpy as np
 from pages import distance, fill, flown, keep, shipped, trajectory
 
-from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.dynamic.animation import animate
-from ca_ros.evaluation.dynamic.metrics import Flights, sample_errors
-from ca_ros.evaluation.tables import table
-from ca_ros.flight.closed_loop import Change, Detection
-from ca_ros.flight.plant import Plant
-from ca_ros.flight.rigid_body import RigidBody
-from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.flight.trajectory import Trajectory
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.studies.cases import Case
+from ca_ros.studies.dynamic.animation import animate
+from ca_ros.studies.dynamic.metrics import Flights, sample_errors
+from ca_ros.studies.tables import table
+from ca_ros.simulation.closed_loop import Change, Detection
+from ca_ros.simulation.plant import Plant
+from ca_ros.simulation.rigid_body import RigidBody
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.vehicle.files import read
 
 LONGER = {'y6': 24.0, 'quadrotor': 1.0}

@@ -19,16 +19,16 @@ from scipy.optimize import minimize
 
 from ca_ros import AdmissibleSet, Sector, Vehicle, make_allocator
 from ca_ros.allocation.tilt_rates import TiltLimited
-from ca_ros.evaluation.cases import Case
-from ca_ros.evaluation.tables import table
+from ca_ros.studies.cases import Case
+from ca_ros.studies.tables import table
 from ca_ros.figures import COLORS, style
 from ca_ros.firmware import literals
 from ca_ros.firmware.command import checked
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.tilting import firmware_of
-from ca_ros.flight.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.flight.trajectory import Trajectory
-from ca_ros.flight.waypoint import Waypoint
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
 from ca_ros.vehicle.effectiveness import rotor_wrenches

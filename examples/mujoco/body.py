@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from ca_ros import ParameterError, Vehicle
-from ca_ros.flight.rigid_body import (
+from ca_ros.simulation.rigid_body import (
     ANGULAR_VELOCITY,
     ATTITUDE,
     CALM,
@@ -83,7 +83,7 @@ def mjcf(vehicle: Vehicle) -> str:
 
 
 class MujocoBody:
-    """Moves a vehicle as `ca_ros.flight.rigid_body.RigidBody` does, but by MuJoCo.
+    """Moves a vehicle as `ca_ros.simulation.rigid_body.RigidBody` does, but by MuJoCo.
 
     Parameters
     ----------

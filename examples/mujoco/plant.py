@@ -22,8 +22,8 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ParameterError, Vehicle
-from ca_ros.flight.plant import Plant, body_of
-from ca_ros.flight.rigid_body import ANGULAR_VELOCITY, ATTITUDE, POSITION, velocity_in_body
+from ca_ros.simulation.plant import Plant, body_of
+from ca_ros.simulation.rigid_body import ANGULAR_VELOCITY, ATTITUDE, POSITION, velocity_in_body
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.settings import SimulatorSettings
 from ca_ros.nodes.topics import offered, requested

@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sitl import MARK, Sitl
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.px4.px4_bridge import TO_PX4, from_px4
+from ca_ros.px4.bridge import TO_PX4, from_px4
 from ca_ros.px4.rules import topic
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

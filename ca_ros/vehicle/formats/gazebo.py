@@ -7,7 +7,7 @@ and never negative, in both senses of rotation.
 import argparse
 from xml.etree import ElementTree
 
-from ca_ros.vehicle.tilts import refuse_tilts
+from ca_ros.vehicle.servos import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 TOPIC = 'command/motors'

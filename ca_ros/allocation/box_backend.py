@@ -1,0 +1,144 @@
+"""The two engines of the exact allocator: the kernel in C, and NumPy.
+
+Both have the methods `allocate` and `explain` of `ca_ros.kernel.Kernel`.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ca_ros.allocation.exact_settings import ExactSettings
+from ca_ros.allocation.explanation import SERVED, limits_of, margin_of
+from ca_ros.allocation.osqp_program import osqp_start
+from ca_ros.allocation.result import Status
+from ca_ros.arrays import Array
+from ca_ros.kernel import Kernel
+from ca_ros.problem.limits import Limits, shares
+from ca_ros.problem.prioritization import Prioritization, sensed
+from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem, lengths
+from ca_ros.problem.vectored import VectoredProblem
+from ca_ros.settings import ParameterError
+from ca_ros.solver.least_norm_qp import AIM, DualNewton, Solution
+
+
+def kernel_for(
+    kernel: type[Kernel], problem: AllocationProblem, settings: ExactSettings,
+    dtype: type[np.floating] = np.float64,
+) -> Kernel:
+    """Return a kernel for a problem.
+
+    Raises a ValueError if the problem's admissible set has no volume, or a setting does not suit
+    the problem.
+
+    `kernel`: a class of `ca_ros.kernel.load`.  `dtype`: the type of the kernel's numbers.
+    """
+    if isinstance(problem, VectoredProblem):
+        raise ParameterError('the C kernel takes numbers within bounds, not rotors that tilt')
+    axes, serving = problem.axes, settings.serving(problem)
+    named = [[axes[row] for row in group] for group in serving.groups]
+    keeps = sensed(named, serving.thrust_deviation)
+    preference = settings.preference(problem)
+    gamma, lower, upper, start = (
+        np.ascontiguousarray(array, dtype)
+        for array in (problem.gamma, problem.lower, problem.upper, serving.reference)
+    )
+    return kernel(
+        gamma, lower, upper, start,
+        order=[row for group in serving.groups for row in group],
+        group=[i for i, group in enumerate(serving.groups) for _ in group],
+        keep_sense=[int(axis in keeps) for axis in axes], policy=int(settings.status),
+        on_reference=serving.begin is not None, slack=settings.residual_slack,
+        weight=preference and np.ascontiguousarray(preference[0], dtype),
+        preferred=preference and np.ascontiguousarray(preference[1], dtype),
+        thrust=axes.index('thrust') if 'thrust' in axes else -1, airmode=serving.airmode_limit,
+        impaired=problem.impaired.tolist(),
+    )
+
+
+class NumpyEngine:
+    """The NumPy implementation: the reference of the kernel, and its replacement.
+
+    With OSQP, Newton's method starts at its answer.
+    """
+
+    def __init__(self, problem: AllocationProblem, settings: ExactSettings) -> None:
+        preference = settings.preference(problem)
+        self._problem, self._status = problem, settings.status
+        self._slack = settings.residual_slack
+        self._serve = Prioritization(problem, *settings.serving(problem))
+        self._osqp = osqp_start(problem, preference) if settings.solver == 'osqp' else None
+        self._solver = problem.least_norm
+        self._preference = preference or ()
+        if preference is not None:
+            self._solver = DualNewton(problem.gamma, problem.lower, problem.upper, *preference)
+        self._idle = ~problem.gamma.any(axis=0)
+
+    def _within(self, *bounds: Array) -> AllocationProblem | None:
+        """Return the problem with narrower bounds; None if none is narrower."""
+        if not bounds:
+            return None
+        lower, upper = (self._problem.clip(bound) for bound in bounds)
+        same = (lower == self._problem.lower).all() and (upper == self._problem.upper).all()
+        return None if same else self._problem.bounded(lower, upper)
+
+    def explain(
+        self, u: Array, thrusts: Array, numbers: Array, names: NDArray[np.int32], *bounds: Array
+    ) -> float:
+        """Write why thrusts are the answer to u; see `Kernel.explain`."""
+        problem, within = self._problem, self._within(*bounds) or self._problem
+        served = shares(problem, u, problem.gamma @ thrusts, SERVED)
+        if lengths(u - problem.gamma @ thrusts) <= self._slack * max(1.0, float(lengths(u))):
+            served = np.ones_like(served)
+        found = Limits.none(served, problem.n)
+        if self._status != Status.REJECTED and (served < 1.0).any():
+            found, _ = limits_of(self._serve, within, u, served)
+        numbers.reshape(len(u), -1)[:] = np.column_stack(
+            [found.served, found.joint_gain, found.airmode, found.gain])
+        names.reshape(len(u) + 1, -1)[:] = np.vstack([
+            np.column_stack([found.airmode_blocks, found.blocks]), np.append([0], found.limit)])
+        return margin_of(within, u)
+
+    def allocate(
+        self, u: Array, demand: Array, thrusts: Array, *bounds: Array
+    ) -> tuple[int, float] | None:
+        """Copy u to `demand`, and write its thrusts; see `Kernel.allocate`."""
+        within, problem, solver = self._within(*bounds), self._problem, self._solver
+        demand[:] = u = problem.check(u)
+        if within is not None:
+            problem = within
+            solver = DualNewton(problem.gamma, problem.lower, problem.upper, *self._preference)
+        thrusts[:] = solver.unbounded(u)
+        if (thrusts == problem.clip(thrusts)).all() and problem.is_exact(u, thrusts, AIM):
+            return None
+        solution = self._least(solver, u)
+        thrusts[:] = solution.thrusts
+        # Whether u counts as attainable depends on u alone and not on the policy.
+        missed = lengths(u - problem.gamma @ thrusts)
+        size = problem.tolerance(u) / EXACT_TOLERANCE
+        if solution.attained or (not solution.unattainable and missed <= self._slack * size):
+            return None
+        served = self._serve(u, within)
+        other = np.where(self._idle, solution.thrusts, served.thrusts)
+        if not solution.unattainable and problem.is_exact(u, other):
+            thrusts[:] = other
+            return None
+        if self._status == Status.REJECTED:
+            thrusts[:] = problem.resting_thrusts
+            return int(self._status), 0.0
+        solution = self._least(solver, served.wrenches)
+        thrusts[:] = solution.thrusts
+        status = self._status
+        low = (problem.lower > self._problem.lower) & (served.thrusts <= problem.middle)
+        high = (problem.upper < self._problem.upper) & (served.thrusts >= problem.middle)
+        if (served.held & (low | high)).any():
+            status = Status.RATE_LIMITED
+        if not solution.attained:
+            thrusts[:] = np.where(self._idle, solution.thrusts, served.thrusts)
+            if not problem.is_exact(served.wrenches, thrusts):
+                status = Status.INEXACT
+        return int(status), float(served.levels.min())
+
+    def _least(self, solver: DualNewton, u: Array) -> Solution:
+        start = None if self._osqp is None else self._osqp(u)
+        tolerance = float(self._problem.tolerance(u))
+        slack = tolerance / EXACT_TOLERANCE * self._slack
+        return solver.solve(u, tolerance, start, slack)

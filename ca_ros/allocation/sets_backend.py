@@ -1,0 +1,140 @@
+"""The engine of the exact allocator for effectors that are vectors in convex sets."""
+
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from ca_ros.allocation.exact_settings import ExactSettings, Serving
+from ca_ros.allocation.explanation import (
+    BY_ORDER,
+    BY_POLICY,
+    Explanation,
+    explained,
+    margin_of,
+)
+from ca_ros.allocation.result import Allocation, Status
+from ca_ros.arrays import Array
+from ca_ros.kernel.vectored import KernelNewton, fields_of, sets_newton
+from ca_ros.problem.limits import Limits, shares
+from ca_ros.problem.prioritization import airmode_limits
+from ca_ros.problem.problem import EXACT_TOLERANCE, lengths
+from ca_ros.problem.vectored import VectoredProblem
+from ca_ros.problem.vectored_limits import SERVED, limits_of_vectors
+from ca_ros.problem.vectored_priorities import VectoredPrioritization, refuse_limits
+from ca_ros.solver.convex_sets import ConvexSets
+
+INSIDE = 0.99  # greatest share of the way from the middle to the boundary where lines begin
+
+
+class VectoredEngine:
+    """`exact` on a `VectoredProblem`: in C where it is built.
+
+    Newton's method answers attainable wrenches.  On the boundary of the attainable set there may
+    be no finite multipliers; there, and for `scale`, the answer is the end of the line to the
+    demand, see `ca_ros.solver.least_norm_over_sets`.
+    """
+
+    def __init__(self, problem: VectoredProblem, settings: ExactSettings) -> None:
+        problem.check_volume()
+        self._problem, self._settings = problem, settings
+        settings.groups(problem.axes)
+        refuse_limits(airmode_limits(settings.airmode_limit))
+        preference = settings.preference(problem) or ()
+        self._solver = sets_newton(problem.gamma, problem.sets, *preference)
+        self.engine = self._solver.engine
+
+    @cached_property
+    def _serving(self) -> Serving:
+        return self._settings.serving(self._problem)
+
+    @cached_property
+    def _begin(self) -> Array:
+        """An attainable wrench (m,), where lines to demands begin."""
+        serving, middle = self._serving, self._problem.gamma @ self._problem.middle
+        if serving.begin is not None:
+            return serving.begin
+        way = serving.reference - middle
+        if not way.any():
+            return middle
+        reached = self._solver.line(middle, way, 1.0 / INSIDE).length
+        return np.asarray(middle + min(1.0, INSIDE * reached) * way, float)
+
+    @cached_property
+    def _serve(self) -> VectoredPrioritization:
+        return VectoredPrioritization(self._problem, *self._serving[:3], solver=self._solver)
+
+    def explain(self, answer: Allocation) -> Explanation:
+        """Return why an answer is what it is."""
+        problem, u = self._problem, answer.demand
+        served = shares(problem, u, answer.wrench, SERVED)
+        found, other = Limits.none(served, problem.n), BY_ORDER
+        if answer.status is Status.REJECTED:
+            other = BY_POLICY
+        elif (served < 1.0).any():
+            found, _ = limits_of_vectors(
+                problem, u, answer.thrusts, served, partial(self._moved, u))
+        margin = margin_of(problem, u)
+        return explained(problem, u, answer.thrusts, found, margin, [other] * len(u))
+
+    def _moved(self, u: Array, sets: ConvexSets) -> Array:
+        """Return the wrench (m,) that is served for u (m,) with other sets."""
+        if self._settings.status is Status.PRIORITIZED:
+            return self._serve.moved(u, sets)
+        gamma, begin = self._problem.gamma, self._begin
+        given = self._solver.weights, self._solver.preferred
+        line = sets_newton(gamma, sets, *given).line(begin, u - begin, 1.0)
+        return np.asarray(gamma @ line.point, float)
+
+    @property
+    def fields(self) -> dict[str, Array | float]:
+        """The fields of ``ca_vectored`` in C."""
+        prioritizes = self._settings.status is Status.PRIORITIZED
+        given = self._serve.fields if prioritizes else {'reference': self._serving.reference}
+        return fields_of(
+            self._solver, slack=self._settings.residual_slack, policy=float(self._settings.status),
+            begin=self._begin, on_reference=float(self._serving.begin is not None),
+            resting=self._problem.resting_thrusts, **given,
+        )
+
+    def kernel(self) -> Any:
+        """Return the same in C, which has `allocate` and `allocate_batch`; None without."""
+        solver, status = self._solver, self._settings.status
+        if not isinstance(solver, KernelNewton):
+            return None
+        fits = solver.prioritizes or status is not Status.PRIORITIZED
+        return solver.with_fields(self.fields) if fits else None
+
+    def allocate(self, u: Array, demand: Array, thrusts: Array) -> tuple[int, float] | None:
+        """Copy u to `demand`, and write its vectors; see `ca_ros.kernel.Kernel.allocate`."""
+        demand[:] = self._problem.check(u)
+        thrusts[:], status, level = self._answer(demand)
+        return None if status == Status.EXACT else (int(status), level)
+
+    def _answer(self, u: Array) -> tuple[Array, int, float]:
+        """Return vectors, status and level for a wrench: ``ca_vectored_allocate`` in NumPy."""
+        problem, status, begin = self._problem, self._settings.status, self._begin
+        found = self._solver.solve(u[None])
+        slack = self._settings.residual_slack * float(problem.tolerance(u)) / EXACT_TOLERANCE
+        unattainable = bool(found.unattainable[0])
+
+        def near(points: Array) -> bool:
+            return bool(not unattainable and lengths(u - problem.gamma @ points) <= slack)
+
+        if found.attained[0] or near(found.points[0]):
+            return found.points[0], Status.EXACT, 1.0
+        if not unattainable or status is Status.SCALED:
+            line = self._solver.line(begin, u - begin, 1.0)
+            if problem.is_exact(u, line.point) or near(line.point):
+                return line.point, Status.EXACT, 1.0
+        if status is Status.REJECTED:
+            return problem.resting_thrusts, status, 0.0
+        if status is Status.PRIORITIZED:
+            answer = self._serve(u)
+            return answer.thrusts, status, float(answer.levels.min())
+        level, way = line.length, u - self._serving.reference
+        if self._serving.begin is None:
+            served = problem.gamma @ line.point - self._serving.reference
+            shares = np.divide(served, way, out=np.ones_like(way), where=way != 0.0)
+            level = float(np.clip(shares, 0.0, 1.0).min())
+        return line.point, status, level

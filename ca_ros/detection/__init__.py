@@ -1,0 +1,1 @@
+"""Flights without ROS: controller, rigid body, closed loop, recorded flight."""

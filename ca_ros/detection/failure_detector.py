@@ -1,0 +1,338 @@
+"""Rotor failures that nobody announces, detected from the motion of a vehicle."""
+
+from math import cos, hypot, sin
+from operator import gt, index
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.detection.motor_model import CommandedRotors
+from ca_ros.detection.hypothesis_test import FailureTest, Finding
+from ca_ros.control.momentum_observer import GAP, RESTART, MomentumObserver
+from ca_ros.simulation.rigid_body import STATE_MAX, rotation_matrix
+from ca_ros.simulation.settings import DetectorSettings
+from ca_ros.detection.speed_residual import SlowRotors
+from ca_ros.detection.noise_estimator import UsualMotion
+from ca_ros.detection.windows import BLOCK, WINDOWS, Windows
+from ca_ros.problem.audit import audit
+from ca_ros.vehicle.validation import ABSURD
+from ca_ros.vehicle.vehicle import Vehicle, inertia_of
+
+CONFIRMATIONS = 3  # tests in a row that name the same rotors before these count as failed
+REFINED = 0.5  # time after a failure in which its health is estimated further [s]
+USELESS = 0.2  # a rotor with less health is lost
+MOVING = 5.0  # motion of a vehicle that moves, over the noise in the settings
+
+TOTAL = 0.9
+"""Greatest loss of a rotor that is not lost when it is named: one that keeps less would be given
+commands so low that its health cannot be estimated further."""
+
+SUSPICION, PATIENCE = 12.0, 1.0
+"""Score from which the noise is not learnt, and for how long at most [s]."""
+
+TIME_MAX = 2**62
+"""Times are less [ns], before and after zero, so that their differences have 64 bits."""
+
+ALL, ONE, NOBODY = np.ones(6), np.eye(6), np.zeros(())
+
+
+def moment_of(time: int) -> int:
+    """Return a time [ns]; raise a ValueError if it is out of bounds."""
+    moment = index(time)
+    if not -TIME_MAX < moment < TIME_MAX:
+        raise ValueError(f'time {time}: expected a number of nanoseconds below 2**62')
+    return moment
+
+
+class FailureDetector:
+    """Names the rotors whose lost thrust explains the motion, or that do not turn as commanded.
+
+    From each state and from the commands, the momentum observer gives the impulse that the sound
+    rotors, the weight, the mean disturbance and the drag do not explain.  Every hundredth of a
+    second, `FailureTest` compares the sums over several windows of time with what each rotor
+    should have given; rotors that three tests in a row name have failed.
+
+    While nothing is suspected, the mean disturbance, the drag and the noise are learnt.
+
+    `command`, `measure`, `observe` and `announce` raise a ValueError if a number is not finite or
+    out of bounds; it has then entered nothing.
+
+    Where the speeds of the rotors are measured, `SlowRotors` finds those that do not follow their
+    commands.
+
+    `vehicle`: with the announced health.
+
+    - `since`: when each rotor was found to have failed [ns]
+    - `evidence`: what each failure was found by: 'motion' or 'rotor speed', or at which angle its
+      servo sticks
+    - `suspect`: the rotor that may be failing now
+    """
+
+    def __init__(self, vehicle: Vehicle, settings: DetectorSettings | None = None) -> None:
+        s = self.settings = settings or DetectorSettings()
+        self.vehicle = vehicle
+        self._slow = SlowRotors(vehicle.n, s)
+        self._rotors = CommandedRotors(vehicle, s)
+        self._observer = MomentumObserver(vehicle, 1.0 / s.learning_time)
+        tests = 3600.0 / BLOCK * len(WINDOWS)
+        self._find = FailureTest(self._rotors.wrenches, vehicle.tilts, tests, s)
+        self._usual = UsualMotion(vehicle, s)
+        noises = np.repeat([s.velocity_noise, s.angular_velocity_noise], 3)
+        self._moving = (MOVING * noises).tolist()
+        self._turn, self._motion = ONE, np.zeros(6)
+        self.reset()
+
+    @property
+    def standing(self) -> bool:
+        """Whether the vehicle stands; then nothing is detected."""
+        return self._observer.standing
+
+    @property
+    def health(self) -> Array:
+        """The announced health, less what was found; it never grows until `reset`, (n,).
+
+        A rotor whose servo sticks has none, if the vehicle can do without it.
+        """
+        return np.where(self._stuck, 0.0, self._delivered)
+
+    @property
+    def certainty(self) -> Array:
+        """Probability that each rotor has failed, now or before, (n,)."""
+        return np.where(self._found, self._found, self._probabilities)
+
+    def reset(self) -> None:
+        """Forget all failures, and what was learnt of the noise."""
+        n = self.vehicle.n
+        self._delivered, self._stuck = np.array(self.vehicle.health), np.zeros(n, bool)
+        self._rotors.vehicle = self.vehicle.with_health(1.0)
+        self._found: Array = np.zeros(n)
+        self._probabilities: Array = NOBODY
+        self.since: list[int | None] = [None] * n
+        self.evidence = [''] * n
+        self.suspect: int | None = None
+        self._slow.reset()
+        self._refined: dict[int, float] = {}
+        self._usual.reset()
+        self._begin()
+
+    def interrupt(self) -> None:
+        """Take the next state as one that does not continue those before; what was found holds.
+
+        The motion between the two explains nothing, such as where an estimator was reset, or
+        where others have flown the vehicle.
+        """
+        self._observer.interrupt()
+
+    def model(self) -> dict[str, Array]:
+        """Return the numbers of ca_detector_model (ca_ros/kernel/detector.h) by name."""
+        vehicle, settings, find = self.vehicle, self.settings, self._find
+        sound, curve = vehicle.with_health(1.0), vehicle.curve
+        numbers = {
+            'rotors': vehicle.n, 'mass': vehicle.mass, 'weight': vehicle.weight,
+            'inertia': inertia_of(vehicle), 'wrenches': self._rotors.wrenches,
+            'segments': len(curve.rows), 'curve': curve.rows,
+            'least': self._rotors.bounds.least, 'greatest': self._rotors.bounds.greatest,
+            'thrust': sound.thrust_per_squared_speed / curve.coefficient,
+            'reverse_thrust': sound.reverse_thrust_per_squared_speed * curve.square,
+            'health': vehicle.health,
+            'time_constant': settings.motor_time_constant, 'delay': settings.delay,
+            'learning_time': settings.learning_time, 'thrust_error': settings.thrust_error,
+            'time_error': settings.time_error, 'least_loss': settings.least_loss,
+            'certainty': settings.certainty, 'limit': find.limit, 'odds': find.odds,
+            'lever': find.lever, 'noise': self._usual.noise, 'moving': self._moving,
+            'jump': self._observer.jump_max, 'balance': self._observer.ground.limits,
+        }
+        return {name: np.array(value, float) for name, value in numbers.items()}
+
+    def announce(self, health: Array) -> None:
+        """Take the announced health (n,); what was found before holds."""
+        self.vehicle = self.vehicle.with_health(health)
+        self._delivered = np.minimum(self._delivered, self.vehicle.health)
+
+    def _begin(self) -> None:
+        """Begin a flight: the windows reach back to now."""
+        self._usual.begin()
+        self._learnt = self._motion
+        self._waited = 0.0
+        self._named: tuple[int, ...] = ()
+        self._count, self._windows = 0, Windows(self._rotors.columns)
+
+    def command(self, time: int, command: Array) -> None:
+        """Take a command with its stamp [ns]: speeds (n,) and then angles (k,) [rad/s, rad].
+
+        Beyond the bounds of the vehicle, motors and servos are at these.  A command that is newer
+        than the last state by seconds is ignored.
+        """
+        time, followed = moment_of(time), self._rotors.bounds.followed(command)
+        last = self._observer.time
+        if last is not None and time - last >= RESTART:
+            return
+        self._rotors.command(time, followed)
+        self._slow.command(time, followed[: self.vehicle.n])
+
+    def measure(self, time: int, speeds: Array) -> bool:
+        """Take measured rotor speeds (n,) [rad/s]; return whether the health has changed.
+
+        Those that are older than the last command by more than `oldest_measurement` are ignored.
+        """
+        time, measured = moment_of(time), np.asarray(speeds, float)
+        if measured.shape != self._found.shape or not (abs(measured) <= ABSURD).all():
+            raise ValueError(f'speeds {speeds}: expected {len(self._found)} numbers up to 1e100')
+        found = self._slow.measure(time, measured, self._found == 0.0)
+        failed = [(i, share) for i, share in found or [] if self.health[i] > 0.0]
+        if failed or found is None:
+            # When they failed is not known: the motion before shows nothing more.
+            self._windows.forget()
+        for rotor, share in failed:
+            self._found[rotor] = 1.0
+            self._fail(rotor, share * self.health[rotor], time, 'rotor speed')
+        return bool(failed)
+
+    def observe(
+        self, time: int, attitude: Array, velocity: Array, angular_velocity: Array
+    ) -> bool:
+        """Take a state; return whether the health has changed.
+
+        - `time`: [ns]
+        - `attitude` (4,): quaternion x, y, z, w, body to world; its length counts for nothing, but
+          is at least 1e-9
+        - `velocity` and `angular_velocity` (3,): in the body frame, up to 1e9 [m/s, rad/s]
+        """
+        time, attitude = moment_of(time), np.asarray(attitude, float)
+        motion = np.concatenate([velocity, angular_velocity])
+        numbers = attitude.tolist(), motion.tolist()
+        sound = (len(attitude), len(motion)) == (4, 6) and hypot(*numbers[0]) >= 1.0 / STATE_MAX
+        if not (sound and all(abs(x) <= STATE_MAX for part in numbers for x in part)):
+            raise ValueError(
+                f'attitude {attitude}, velocities {velocity} and {angular_velocity}: expected a '
+                'quaternion that is not zero, and numbers up to 1e9'
+            )
+        turn = ONE.copy()
+        turn[:3, :3] = rotation_matrix(attitude)
+        observer, usual = self._observer, self._usual
+        last = observer.time
+        if last is not None and 0 < time - last < GAP:
+            given = self._rotors.given(last, time)
+            own = given[:, : self.vehicle.n]
+            self._slow.expect(time, self._rotors.speeds)
+            turned, mean = 0.5 * (self._turn + turn), 0.5 * (self._motion + motion)
+            wrench = own.dot(self._delivered) + usual.drag(mean)
+            observer.expect(turned.dot(wrench), mean[3:])
+            # What holds a vehicle that does not move may be the ground, which is not learnt.
+            moving = any(map(gt, abs(mean).tolist(), self._moving))
+            observer.gain = usual.gain if moving and not self._suspicious else 0.0
+        observer.observe(time, turn.dot(motion))
+        if observer.time != time or last == time:
+            return False
+        if last is not None and time < last:
+            self._rotors = CommandedRotors(self._rotors.vehicle, self.settings)
+        self._turn, self._motion = turn, motion
+        step = observer.step
+        if not step:
+            if observer.standing:
+                self._begin()
+            return False
+        usual.fly(step, own)
+        lacked = observer.lacked.dot(turned)
+        return self._windows.add(step, lacked, given) and self._test(time, moving, own)
+
+    @property
+    def _suspicious(self) -> bool:
+        return 0.0 < self._waited < PATIENCE
+
+    def _test(self, time: int, moving: bool, given: Array) -> bool:
+        """Test all windows that end now; return whether the health has changed."""
+        windows, block, usual = self._windows, self._windows.block, self._usual
+        if usual.flown < 2.0 * block:
+            windows.forget()
+            return False
+        recent = list(self._refined)
+        if recent:
+            ages = {i: age + block for i, age in self._refined.items()}
+            self._refined = {i: age for i, age in ages.items() if age < REFINED}
+        if not recent and max((windows.lacked**2 / usual.spread).dot(ALL).tolist()) <= SUSPICION:
+            # No score exceeds this sum.
+            self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
+            self._probabilities = NOBODY
+            self._learn(moving, given)
+            return False
+        impulses, changes = windows.rotors()
+        own = slice(self.vehicle.n)
+        errors = usual.model_errors(windows.ages, impulses[..., own], changes[..., own])
+        variance = usual.spread + errors
+        found = self._find(windows.lacked, impulses, variance, self.health)
+        if found.score > SUSPICION and not moving:
+            # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
+            windows.forget()
+            return False
+        changed = self._refine(found, recent)
+        suspected = found.score > SUSPICION or recent
+        self._waited = self._waited + block if suspected else 0.0
+        self.suspect = found.rotor if found.score > self._find.limit else None
+        self._learn(moving, given)
+        self._probabilities = found.probabilities
+        repeated = bool(found.named) and found.named == self._named
+        self._count = self._count + 1 if repeated else int(bool(found.named))
+        self._named = found.named
+        if self._count < CONFIRMATIONS:
+            return changed
+        self._count = 0
+        windows.forget(before=found.window)
+        # The window may have begun a block before the failure.
+        age = windows.ages[found.window]
+        longer = age / max(age - block, block)
+        before = self.health
+        for rotor, share in zip(found.named, found.lost.tolist(), strict=True):
+            if share * longer >= TOTAL * self.health[rotor]:
+                share = self.health[rotor]
+            self._found[rotor] = max(self.certainty[rotor], self.settings.certainty)
+            if found.angle is None:
+                self._fail(rotor, share, time, 'motion')
+            else:
+                self._stick(rotor, found.angle, time)
+        return changed or not np.array_equal(self.health, before)
+
+    def _learn(self, moving: bool, given: Array) -> None:
+        """Learn what is usual, unless a failure is suspected."""
+        if not self._usual.due(self._windows.block):
+            return
+        before, self._learnt = self._learnt, self._motion
+        if not self._suspicious:
+            steady = self._observer.estimate.dot(self._turn)
+            motion = 0.5 * (before + self._learnt) if moving else None
+            self._usual.learn(self._windows, motion, steady, given)
+
+    def _fail(self, rotor: int, share: float, time: int, evidence: str) -> None:
+        self.since[rotor], self.evidence[rotor] = time, evidence
+        self._refined[rotor] = 0.0
+        self._reduce(rotor, share)
+
+    def _stick(self, rotor: int, angle: float, time: int) -> None:
+        """Take a rotor whose servo sticks out of use, if the vehicle can do without it."""
+        self.since[rotor], self.evidence[rotor] = time, f'servo sticks at {angle:.2f} rad'
+        # What it gives until it stops is known.
+        planar, first = self._rotors.planar, self.vehicle.n
+        for column, share in (
+            (rotor, 1.0), (first + planar.index(rotor), -cos(angle)),
+            (first + len(planar) + planar.index(rotor), -sin(angle)),
+        ):
+            self._windows.explain(column, share * self._delivered[rotor])
+        self._rotors.vehicle = self._rotors.vehicle.with_stuck_servo(rotor + 1, angle)
+        without = np.where(np.arange(first) == rotor, 0.0, self.health)
+        self._stuck[rotor] = audit(self.vehicle.with_health(without)).sound
+
+    def _reduce(self, rotor: int, share: float) -> None:
+        """Take a share of a rotor's health, as if from the start of the windows on."""
+        whole = self.vehicle.health[rotor]
+        left = min(max(self._delivered[rotor] - share, 0.0), whole)
+        left = 0.0 if left < USELESS * whole else left
+        self._windows.explain(rotor, self._delivered[rotor] - left)
+        self._delivered[rotor] = left
+
+    def _refine(self, found: Finding, recent: list[int]) -> bool:
+        """Estimate the health of rotors that have just failed; return whether it changes."""
+        clear = np.abs(found.shares) > np.maximum(0.05, 3.0 * found.errors)
+        rotors = [i for i in recent if clear[i] and self.health[i] > 0.0]
+        for rotor in rotors:
+            self._reduce(rotor, float(found.shares[rotor]))
+        return bool(rotors)

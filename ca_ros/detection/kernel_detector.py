@@ -1,0 +1,111 @@
+"""The detector of rotor failures in C, where it is built, and the choice between both."""
+
+import re
+from os import environ
+from typing import Any
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.detection.failure_detector import FailureDetector
+from ca_ros.simulation.settings import DetectorSettings
+from ca_ros.kernel import extension
+from ca_ros.vehicle.vehicle import Vehicle
+
+EVIDENCE = ('', 'motion', 'rotor speed')  # the words for an enum ca_evidence
+
+
+class KernelDetector:
+    """`FailureDetector` in C (ca_ros/kernel/detector.c): the same to rounding, and faster.
+
+    - `module`: ``ca_ros.kernel._detector``, or ``_detector_single`` for single precision
+    - `model` (N,): as `packed` returns it
+    - `vehicle` and `settings`: as of `FailureDetector`
+    """
+
+    def __init__(
+        self, module: Any, model: Array, vehicle: Vehicle, settings: DetectorSettings
+    ) -> None:
+        self.vehicle, self.settings = vehicle, settings
+        self._kernel = module.Detector(model)
+        self.command = self._kernel.command
+        self.measure = self._kernel.measure
+        self.observe = self._kernel.observe
+        self.reset = self._kernel.reset
+        self.interrupt = self._kernel.interrupt
+
+    def announce(self, health: Array) -> None:
+        """Take the announced health (n,); what was found before holds."""
+        self.vehicle = self.vehicle.with_health(health)
+        self._kernel.announce(np.array(self.vehicle.health))
+
+    @property
+    def health(self) -> Array:
+        """The announced health, less what was found, (n,)."""
+        health = np.empty(self.vehicle.n)
+        self._kernel.health(health)
+        return health
+
+    @property
+    def certainty(self) -> Array:
+        """Probability that each rotor has failed, (n,)."""
+        certainty = np.empty(self.vehicle.n)
+        self._kernel.certainty(certainty)
+        return certainty
+
+    @property
+    def since(self) -> list[int | None]:
+        """When each rotor was found to have failed [ns]."""
+        return [time if evidence else None for time, evidence in self._kernel.failures()]
+
+    @property
+    def evidence(self) -> list[str]:
+        """What each failure was found by."""
+        return [EVIDENCE[evidence] for _, evidence in self._kernel.failures()]
+
+    @property
+    def suspect(self) -> int | None:
+        """The rotor that may be failing now."""
+        suspect: int = self._kernel.status()[0]
+        return suspect if suspect >= 0 else None
+
+    @property
+    def standing(self) -> bool:
+        """Whether the vehicle stands; then nothing is detected."""
+        return bool(self._kernel.status()[1])
+
+
+Detector = FailureDetector | KernelDetector
+
+
+def packed(detector: FailureDetector, fields: dict[str, str]) -> Array | None:
+    """Return the numbers of a detector's model, those of each field one after the other.
+
+    None if one has no room.  `fields`: the dimensions of each field of `ca_detector_model`, such
+    as '[6][32]'.
+    """
+    model, rows = detector.model(), []
+    for name, dimensions in fields.items():
+        numbers = model[name]
+        row = np.zeros([int(size) for size in re.findall(r'\d+', dimensions)])
+        if any(size > room for size, room in zip(numbers.shape, row.shape, strict=True)):
+            return None
+        row[tuple(slice(size) for size in numbers.shape)] = numbers
+        rows.append(row.ravel())
+    return np.concatenate(rows)
+
+
+def make_detector(vehicle: Vehicle, settings: DetectorSettings | None = None) -> Detector:
+    """Return a detector of rotor failures: in C where it can.
+
+    It is in NumPy without the extension module, with `CA_ROS_KERNEL=numpy`, and for vehicles whose
+    rotors tilt, or with more rotors, or segments of the thrust curve, than the module has room
+    for.
+    """
+    detector = FailureDetector(vehicle, settings)
+    fixed = vehicle.tilts is None and environ.get('CA_ROS_KERNEL') != 'numpy'
+    module = extension('detector') if fixed else None
+    model = None if module is None else packed(detector, module.FIELDS)
+    if model is None:
+        return detector
+    return KernelDetector(module, model, vehicle, detector.settings)

@@ -1,0 +1,103 @@
+"""An estimate of the motors' lag and delay from a flight, which checks the settings."""
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.detection.motor_model import CommandedRotors
+from ca_ros.control.momentum_observer import RESTART
+from ca_ros.simulation.rigid_body import cross
+from ca_ros.simulation.settings import DetectorSettings
+from ca_ros.vehicle.vehicle import Vehicle, inertia_of
+
+LAGS: Array = np.linspace(0.005, 0.16, 32)  # candidates [s]
+SLOW = 0.5  # time over which errors of the prediction are learnt as disturbances [s]
+MEMORY = 3000.0  # number of samples over which old ones are forgotten
+ERROR_MAX = 10.0  # greatest error of an angular velocity that a lag explains [rad/s]
+CLEAR = 30.0  # lead of a lag in the logarithm of the likelihood, from which it counts
+SHARE, LEAST, MOST = 0.5, 0.018, 0.04
+"""A set lag is warned of if it is off by more than this share of it, but at least and at most
+these times [s]."""
+
+
+class LagCheck:
+    """Finds the lag with which the commands explain the motion best.
+
+    For each candidate, the torques of the commanded rotors predict the angular velocity; the lag
+    with the least squares of errors is the likeliest, the errors taken as white (output error
+    method: Ljung, System Identification, 1999, section 4.2).  Only the sum of lag and delay can be
+    estimated: a delay that is longer by some milliseconds looks like a lag that is longer by as
+    much, so the set delay counts as known.  Where rotor speeds are measured, the errors of the
+    predicted speeds take the place of those of the motion.
+    """
+
+    def __init__(self, vehicle: Vehicle, settings: DetectorSettings) -> None:
+        self._set, self._delay = settings.motor_time_constant, settings.delay
+        self._rotors = CommandedRotors(vehicle, settings, LAGS[:, None])
+        self._inertia = inertia_of(vehicle)
+        self._time: int | None = None
+        self._predicted = self._slow = np.zeros((len(LAGS), 3))
+        self._squares, self._count = np.zeros((len(LAGS), 3)), 0.0
+        self._measured = False
+
+    @property
+    def total(self) -> float | None:
+        """The likeliest sum of lag and delay [s]; None while the flight does not show it."""
+        costs = self._costs()
+        shown = costs.max() - costs.min() > CLEAR
+        return float(LAGS[costs.argmin()]) + self._delay if shown else None
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with the set lag and delay; empty if nothing is known to be."""
+        costs, given = self._costs(), self._set
+        likely = float(LAGS[costs.argmin()])
+        clear = np.interp(given, LAGS, costs) - costs.min() > CLEAR
+        if not clear or abs(likely - given) <= min(max(SHARE * given, LEAST), MOST):
+            return ''
+        return (
+            f'lag and delay of the motors are about {1e3 * (likely + self._delay):.0f} ms, but '
+            'detector.motor_time_constant and detector.delay are '
+            f'{1e3 * given:.0f} + {1e3 * self._delay:.0f} ms'
+        )
+
+    def _costs(self) -> Array:
+        """Return the negative logarithm of the likelihood of each candidate (C,)."""
+        costs: Array = 0.5 * self._count * np.log(self._squares + 1e-9).sum(axis=1)
+        return costs
+
+    def command(self, time: int, command: Array) -> None:
+        """Take a command with its stamp [ns], as `FailureDetector.command` does."""
+        if self._time is None or time - self._time < RESTART:
+            self._rotors.command(time, self._rotors.bounds.followed(command))
+
+    def observe(self, time: int, angular_velocity: Array, health: Array) -> None:
+        """Take the angular velocity (3,) [rad/s] at a time [ns], and the health (n,)."""
+        last, self._time = self._time, time
+        step = 0.0 if last is None else (time - last) / 1e9
+        if last is None or not 0.0 < step < SLOW:
+            self._predicted = np.tile(angular_velocity, (len(LAGS), 1))
+            return
+        turned = cross(angular_velocity, self._inertia @ angular_velocity)
+        thrusts = health * self._rotors.thrusts(last, time)
+        torques = thrusts @ self._rotors.wrenches[3:].T - turned
+        self._predicted = self._predicted + step * np.linalg.solve(self._inertia, torques.T).T
+        error = angular_velocity - self._predicted
+        self._slow = self._slow + step / SLOW * (error - self._slow)
+        error = error - self._slow
+        if not self._measured and (abs(error) <= ERROR_MAX).all():
+            self._add(error)
+
+    def interrupt(self) -> None:
+        """Take the next state as one that does not continue those before."""
+        self._time = None
+
+    def measure(self, speeds: Array, health: Array) -> None:
+        """Take measured rotor speeds (n,) [rad/s] at the time of the last state."""
+        if not self._measured:
+            self._squares, self._count = np.zeros((len(LAGS), len(speeds))), 0.0
+            self._measured = True
+        self._add(np.where(health < 1.0, 0.0, speeds - self._rotors.speeds))
+
+    def _add(self, errors: Array) -> None:
+        keep = 1.0 - 1.0 / MEMORY
+        self._squares, self._count = keep * self._squares + errors**2, keep * self._count + 1.0

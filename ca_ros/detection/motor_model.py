@@ -1,0 +1,91 @@
+"""The thrusts of rotors that follow stamped commands with a delay and a lag."""
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.vehicle.motor_lag import Servos, lagged
+from ca_ros.simulation.rigid_body import difference
+from ca_ros.simulation.settings import DetectorSettings
+from ca_ros.vehicle.command_bounds import CommandBounds
+from ca_ros.vehicle.effectiveness import rotor_wrenches, thrust_wrenches
+from ca_ros.vehicle.vehicle import Vehicle
+
+COMMANDS_MAX = 1000  # commands that wait to take effect; of more, the oldest are dropped
+
+
+class CommandedRotors:
+    """Predicts what the rotors of a sound vehicle do.
+
+    `settings`: the lags and the delay.  `lags`: C time constants (C, 1) of the motors instead of
+    that of the settings [s]; speeds and thrusts then are (C, n).
+
+    - `vehicle`: may be replaced by one with servos that stick
+    - `speeds` (n,): [rad/s]; zero before the first command
+    - `wrenches` (6, n): force and torque per thrust of each rotor, in the last interval
+    - `bounds`: of the commands
+    - `planar` (s,): the rotors with a single servo
+    - `columns`: n + 2 s
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, settings: DetectorSettings, lags: Array | None = None
+    ) -> None:
+        s = settings
+        self.vehicle = vehicle.with_health(1.0)
+        self._lag = s.motor_time_constant if lags is None else lags
+        self._servos = Servos(s.servo_time_constant, s.servo_rate, vehicle)
+        self._delay = round(s.delay * 1e9)
+        self.bounds = CommandBounds(vehicle)
+        self._waiting: list[tuple[int, Array, Array]] = []
+        self.speeds, self._angles = self._command = self._servos.resting
+        self.wrenches = rotor_wrenches(vehicle, self._angles)
+        self.planar = [] if vehicle.tilts is None else vehicle.tilts.planar
+        self.columns = vehicle.n + 2 * len(self.planar)
+        if vehicle.tilts is not None:
+            both = vehicle.tilts.turned(np.zeros(vehicle.n))
+            planes = [thrust_wrenches(vehicle, self.planar, each[self.planar]) for each in both]
+            self._planes = np.concatenate(planes, axis=1)
+
+    def command(self, time: int, command: Array) -> None:
+        """Take a command that was sent at a time [ns]: speeds (n,) and then angles (k,).
+
+        It is within the bounds: see `CommandBounds.followed`.
+        """
+        n = self.vehicle.n
+        del self._waiting[: 1 - COMMANDS_MAX]
+        self._waiting.append((time + self._delay, command[:n], command[n:]))
+        if len(self._waiting) > 1 and self._waiting[-2][0] > self._waiting[-1][0]:
+            self._waiting.sort(key=lambda waiting: waiting[0])
+
+    def thrusts(self, start: int, end: int) -> Array:
+        """Return the mean thrusts (n,) between two times [ns], as of sound rotors [N]."""
+        total, now, angles = np.zeros(()), start, self._angles
+        while now < end:
+            while self._waiting and self._waiting[0][0] <= now:
+                self._command = self._waiting.pop(0)[1:]
+            until = min(end, self._waiting[0][0]) if self._waiting else end
+            before, step = self.speeds, (until - now) / 1e9
+            self.speeds = lagged(self._lag, before, self._command[0], step)
+            if len(angles):
+                moved = self._servos.move(self._angles, self._command[1], step, self.vehicle)
+                self._angles = moved
+            thrusts = self.vehicle.thrusts(0.5 * (before + self.speeds))
+            share = (until - now) / (end - start)
+            total = thrusts if share == 1.0 else total + share * thrusts
+            now = until
+        if len(angles):
+            middle = angles + 0.5 * difference(self._angles, angles)
+            self.wrenches = rotor_wrenches(self.vehicle, middle)
+        return total
+
+    def given(self, start: int, end: int) -> Array:
+        """Return the mean force and torque of each rotor between two times [ns], (6, n + 2 s).
+
+        Those of the n sound rotors come first.  Then come those that the s rotors with a single
+        servo would give at its angle zero, and after a quarter turn [N, N m].
+        """
+        thrusts = self.thrusts(start, end)
+        given = self.wrenches * thrusts
+        if self.planar:
+            given = np.concatenate([given, self._planes * thrusts[2 * self.planar]], axis=1)
+        return given

@@ -1,0 +1,100 @@
+"""What is usual in a flight without failures: wrenches of the rotors, drag and noise."""
+
+from math import expm1
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.simulation.settings import DetectorSettings
+from ca_ros.detection.windows import WINDOWS, Windows
+from ca_ros.vehicle.vehicle import Vehicle, inertia_of
+
+FLOOR = 0.3  # least noise over that of the settings
+LEARNT = 0.95  # time after which it learns again, over the shortest window
+
+
+class UsualMotion:
+    """Learns the mean wrenches of the rotors, the drag along and about each axis, and the noise.
+
+    It learns once in the time of the shortest window.
+
+    - `noise` (6,): variance of an impulse by the noise of the settings
+    - `spread` (T, 6): variance of what windows lack, by noise
+    - `flown`: time since the flight began [s]
+    """
+
+    def __init__(self, vehicle: Vehicle, settings: DetectorSettings) -> None:
+        self._settings, self._n = settings, vehicle.n
+        inertia, s = np.diag(inertia_of(vehicle)), settings
+        force = np.full(3, vehicle.mass * s.velocity_noise)
+        self.noise = 2.0 * np.concatenate([force, inertia * s.angular_velocity_noise]) ** 2
+        self.reset()
+        self.begin()
+
+    def reset(self) -> None:
+        """Forget the drag and the noise."""
+        self.spread = np.tile(self.noise, (len(WINDOWS), 1))
+        self._drag = np.zeros(6)
+        self._means, self._products = np.zeros((2, 6)), np.zeros((2, 6))
+
+    def begin(self) -> None:
+        """Begin a flight."""
+        self.flown, self._since, self._given = 0.0, 0.0, np.zeros((6, self._n))
+
+    @property
+    def gain(self) -> float:
+        """The rate of learning [1/s]: greater in the beginning of a flight."""
+        return 1.0 / min(self._settings.learning_time, self.flown + 0.05)
+
+    def drag(self, motion: Array) -> Array:
+        """Return the drag (6,) [N, N m] of a motion (6,), beyond that of the mean motion."""
+        return self._drag * (motion - self._means[1])
+
+    def fly(self, step: float, given: Array) -> None:
+        """Take a step [s] of the flight, with what the rotors gave (6, n) [N, N m]."""
+        if not self.flown:
+            self._given = given
+        self.flown += step
+
+    def due(self, step: float) -> bool:
+        """Return whether it is time to learn, after a further step [s]."""
+        self._since += step
+        if self._since < LEARNT * WINDOWS[0]:
+            return False
+        self._since = 0.0
+        return True
+
+    def learn(
+        self, windows: Windows, motion: Array | None, steady: Array, given: Array
+    ) -> None:
+        """Learn from windows that end now and show no failure.
+
+        - `motion` (6,): the mean of those at both ends of the shortest window, so that their noise
+          cancels in the drag.  None if the vehicle does not move: what holds it may be the ground,
+          and only the noise is learnt
+        - `steady` (6,): the mean disturbance [N, N m], which is no part of what they lack
+        - `given` (6, n): what the rotors give now [N, N m]
+        """
+        age = windows.ages[0]
+        share = -expm1(-age * self.gain)
+        squares = np.minimum(windows.lacked**2, 9.0 * self.spread)
+        spread = self.spread + share * (squares - self.spread)
+        self.spread = np.maximum(spread, FLOOR**2 * self.noise)
+        if motion is not None:
+            self._given = self._given + share * (given - self._given)
+            lacked = windows.lacked[0] / age + steady + self.drag(motion)
+            share = -expm1(-age / min(2.5 * self._settings.learning_time, self.flown))
+            moved = np.array([lacked, motion]) - self._means
+            self._means = self._means + share * moved
+            self._products = self._products + share * (moved * moved[1] - self._products)
+            self._drag = np.minimum(self._products[0] / (self._products[1] + 0.05**2), 0.0)
+
+    def model_errors(self, ages: Array, given: Array, change: Array) -> Array:
+        """Return the variance (T, 6) by errors of the thrusts, the lag and the delay.
+
+        `ages`, `given` and `change`: see `Windows`.
+        """
+        s = self._settings
+        unusual = given - ages[:, None, None] * self._given
+        error = (s.thrust_error * unusual) ** 2 + (s.time_error * change) ** 2
+        return np.asarray(error.sum(axis=2))

@@ -1,0 +1,183 @@
+"""The closed loop without ROS: controller, allocator, plant and detector, step by step."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ca_ros.allocation import Allocator
+from ca_ros.allocation.reconfiguration import Reconfiguration
+from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
+from ca_ros.arrays import Array
+from ca_ros.control.controller import Controller
+from ca_ros.detection.kernel_detector import Detector
+from ca_ros.simulation.plant import Plant
+from ca_ros.simulation.record import Flight, steps
+from ca_ros.simulation.rigid_body import (
+    ANGULAR_VELOCITY,
+    ATTITUDE,
+    POSITION,
+    RigidBody,
+    velocity_in_body,
+)
+from ca_ros.simulation.settings import PlantSettings
+from ca_ros.control.waypoint import Waypoint
+from ca_ros.settings import ParameterError
+
+Found = list[tuple[int, Array]]
+"""The times [ns] at which the health changed, each with the new health (n,)."""
+
+Believed = Reconfiguration[tuple[Controller, Allocator]]
+
+Reconfigure = Callable[..., Believed]
+"""Takes controller and allocator that fly; returns what makes both for failures of the flight."""
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What changes at a time of flight.
+
+    - `time`: [ns]
+    - `body`, `waypoint`: the new ones; None for those that stay
+    - `announced`: the parameters `rotors.health` and `rotors.stuck_servos` from then on
+    - `detected` (n,): the health that a detector reports from then on
+    - `reconfigure`: what these two need
+    """
+
+    time: int
+    body: RigidBody | None = None
+    waypoint: Waypoint | None = None
+    announced: tuple[list[float], list[float]] | None = None
+    detected: Array | None = None
+    reconfigure: Reconfigure | None = None
+
+
+class Pilot:
+    """The controller and the allocator of a flight, as they are in force."""
+
+    def __init__(self, controller: Controller, allocator: Allocator) -> None:
+        self.controller, self.allocator = controller, allocator
+        self._believed: Believed | None = None
+
+    def take(self, change: Change) -> None:
+        """Take what a change says of the rotors."""
+        if change.reconfigure is None:
+            return
+        if self._believed is None:
+            self._believed = change.reconfigure(self.controller, self.allocator)
+        believed = self._believed
+        if change.announced is not None:
+            settings = believed.in_force.settings
+            health, stuck = change.announced
+            rotors = replace(settings.rotors, health=health, stuck_servos=stuck)
+            believed.change(replace(settings, rotors=rotors))
+        if change.detected is not None:
+            believed.report('detector', change.detected)
+            if believed.fault:
+                raise ParameterError(believed.fault)
+        self.controller, self.allocator = believed.in_force.made
+
+
+class Detection:
+    """A detector in a closed loop; `found` has what it has found.
+
+    `reconfigure`: see `Change`.
+    """
+
+    def __init__(self, detector: Detector, reconfigure: Reconfigure) -> None:
+        self.detector, self._reconfigure = detector, reconfigure
+        self.found: Found = []
+
+    def observe(self, time: int, state: Array) -> list[Change]:
+        """Take a measured state (13,) at a time [ns]; return what failures change, if any."""
+        motion = velocity_in_body(state), state[ANGULAR_VELOCITY]
+        if not self.detector.observe(time, state[ATTITUDE], *motion):
+            return []
+        self.found.append((time, self.detector.health))
+        return [Change(time, detected=self.detector.health, reconfigure=self._reconfigure)]
+
+    def command(self, time: int, command: Array) -> None:
+        """Take the command (n + k,) [rad/s, rad] that answers the state of a time [ns]."""
+        self.detector.command(time, command)
+
+
+def fly(
+    controller: Controller, allocator: Allocator, body: RigidBody | Plant, waypoint: Waypoint,
+    duration: float, time_step: float | None = None, state: Array | None = None,
+    changes: Iterable[Change] = (), detection: Detection | None = None,
+) -> Flight:
+    """Fly to a waypoint; return one sample at each step up to the `duration` [s].
+
+    The samples have the measured states and the commanded rotor speeds and tilt angles.  Raises a
+    FloatingPointError if the flight diverges because the gains or the steps are too large, or a
+    ValueError if a time step is given for a plant.
+
+    - `body`: a plant is flown from its initial state, and stays as it is
+    - `time_step`: of a rigid body [s], by default 0.01 s, rounded to whole nanoseconds as in the
+      stamps of ROS.  A plant has its own
+    - `state` (13,): initial state, see `ca_ros.simulation.rigid_body`; by default at rest in the
+      origin, or that of the plant
+    - `changes`: each takes effect at the first sample at or after its time, of several at one time
+      the last
+    - `detection`: failures that it finds in a sample take effect at that sample
+    """
+    states: list[Array] = []
+    velocities: list[Array] = []
+    commands: list[Array] = []
+    if isinstance(body, RigidBody):
+        given = PlantSettings() if time_step is None else PlantSettings(time_step=time_step)
+        body = Plant(body, given)
+    elif time_step is not None:
+        raise ValueError(f'time_step: the plant has its own, {body.time_step:g} s')
+    plant = body.restarted(state)
+    step_ns, time_step = plant.time_step_ns, plant.time_step
+    pilot = Pilot(controller, allocator)
+    pending = sorted(changes, key=lambda change: change.time)[::-1]
+    for now in range(0, (steps(duration, time_step) + 1) * step_ns, step_ns):
+        state, due = plant.measured, []
+        while pending and pending[-1].time <= now:
+            due.append(pending.pop())
+        if detection:
+            due += detection.observe(now, state)
+        for change in due:
+            pilot.take(change)
+            plant.body = change.body or plant.body
+            waypoint = change.waypoint or waypoint
+        velocity = velocity_in_body(state)
+        try:
+            pose, omega = (state[POSITION], state[ATTITUDE]), state[ANGULAR_VELOCITY]
+            wrench = pilot.controller.wrench(*pose, velocity, omega, waypoint, now)
+        except ValueError as error:
+            what = f'after {now / 1e9:g} s the flight diverges'
+            raise FloatingPointError(f'{what}: {error}') from error
+        last = commands[-1] if commands else plant.body.vehicle.idle_command
+        # Before the first command the rotors have all the time that counts.
+        before = now - step_ns if commands else now - round(1e9 * PERIOD_MAX)
+        command = allocate_next(pilot.allocator, wrench, last, now, before).command
+        if detection:
+            detection.command(now, command)
+        states.append(state)
+        velocities.append(velocity)
+        commands.append(command)
+        plant.step(command)
+    flown = np.array(states)
+    nanoseconds = np.arange(len(flown)) * step_ns
+    return Flight(
+        nanoseconds / 1e9, flown[:, POSITION], flown[:, ATTITUDE], np.array(velocities),
+        flown[:, ANGULAR_VELOCITY], *np.split(np.array(commands), [plant.body.vehicle.n], axis=1),
+    )
+
+
+def replay(detector: Detector, flight: Flight) -> Found:
+    """Return what a detector finds in a recorded flight, as it did in the flight itself."""
+    found: Found = []
+    angles = np.reshape(flight.angles, (len(flight.time), -1))
+    samples = zip(
+        np.round(flight.time * 1e9).astype(int).tolist(), flight.attitude, flight.velocity,
+        flight.angular_velocity, np.column_stack([flight.speeds, angles]), strict=True,
+    )
+    for time, attitude, velocity, angular_velocity, command in samples:
+        if detector.observe(time, attitude, velocity, angular_velocity):
+            found.append((time, detector.health))
+        detector.command(time, command)
+    return found

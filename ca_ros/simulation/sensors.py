@@ -1,0 +1,72 @@
+"""Sensors: the state as it is measured, with noise, bias and a delay by whole steps."""
+
+from collections import deque
+from math import hypot
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.simulation.rigid_body import ATTITUDE
+from ca_ros.settings import ParameterError
+
+
+class Sensors:
+    """White Gaussian noise and a constant bias on a state.
+
+    Errors have twelve components, three each of: position and velocity in the world frame
+    [m, m/s], attitude as a rotation vector in the body frame [rad], and angular velocity in the
+    body frame [rad/s].
+
+    `noise` (12,): standard deviation of each sample.  `bias` (12,).
+    """
+
+    def __init__(self, noise: Array, bias: Array, rng: np.random.Generator) -> None:
+        self.noise, self.bias = noise, bias
+        self._rng = rng
+        self._perfect = not (noise.any() or bias.any())
+
+    def __call__(self, state: Array) -> Array:
+        """Return a measurement (13,) of a state (13,)."""
+        if self._perfect:
+            return state
+        error = self.bias + self.noise * self._rng.standard_normal(12)
+        turned = turn(state[ATTITUDE], error[6:9])
+        return np.concatenate([state[:6] + error[:6], turned, state[10:] + error[9:]])
+
+
+def turn(quaternion: Array, rotation: Array) -> Array:
+    """Return a unit quaternion x, y, z, w (4,) turned by a rotation vector (3,) in its body frame.
+
+    The rotation vector is the axis times the angle [rad].
+    """
+    angle = hypot(*rotation.tolist())
+    # sinc(x) = sin(pi x) / (pi x)
+    i, j, k = (0.5 * np.sinc(angle / (2.0 * np.pi)) * rotation).tolist()
+    real = float(np.cos(angle / 2.0))
+    x, y, z, w = quaternion.tolist()
+    turned = np.array(
+        [
+            w * i + x * real + y * k - z * j, w * j - x * k + y * real + z * i,
+            w * k + x * j - y * i + z * real, w * real - x * i - y * j - z * k,
+        ]
+    )
+    return turned / hypot(*turned.tolist())
+
+
+STEPS_MAX = 1_000_000  # greatest delay in steps; each step takes memory
+
+
+def delay_line(name: str, delay: float, step: float, first: Array) -> deque[Array]:
+    """Return a queue with a first value for each step [s] of a delay [s].
+
+    Raises a ParameterError if the delay is no whole number of steps, or over `STEPS_MAX` of them.
+    """
+    steps = round(delay / step)
+    if steps > STEPS_MAX:
+        raise ParameterError(f'{name}: expected up to {STEPS_MAX * step:g} s, got {delay:g} s')
+    if abs(steps * step - delay) > 1e-6 * step:
+        raise ParameterError(
+            f'{name}: expected a multiple of simulator.time_step / simulator.sub_steps, '
+            f'{step:g} s, got {delay:g} s'
+        )
+    return deque([first] * steps)

@@ -1,0 +1,226 @@
+"""The dynamic study: a flight to a waypoint with each method, as in Figures 2 to 4."""
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import pandas as pd
+from tqdm import tqdm
+
+from ca_ros.allocation import Allocator
+from ca_ros.arguments import positive, split
+from ca_ros.bringup.flight_options import (
+    add_options,
+    failure_words,
+    failures_of,
+    trajectory_of,
+    trajectory_words,
+)
+from ca_ros.studies.cases import Case
+from ca_ros.studies.dynamic.animation import animate
+from ca_ros.studies.dynamic.manoeuvres import MANOEUVRES, fly_seeds, summary
+from ca_ros.studies.dynamic.metrics import RECOVERED, Flights, metrics, sample_errors
+from ca_ros.studies.dynamic.paper_checks import findings, observe
+from ca_ros.studies.dynamic.plots import ROWS, draw
+from ca_ros.studies.dynamic.ros_flight import check, fly_over_ros
+from ca_ros.studies.dynamic.tables import document
+from ca_ros.studies.paper import flown_as_in_the_paper
+from ca_ros.studies.result_files import facts, write
+from ca_ros.studies.study_cli import case_of, concluded, parser
+from ca_ros.studies.tables import render
+from ca_ros.simulation.closed_loop import Change, Found, fly, replay
+from ca_ros.simulation.record import Flight
+from ca_ros.simulation.rigid_body import NULL_STATE
+from ca_ros.problem.audit import audit
+from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.settings import ParameterError
+
+FOR_MANOEUVRES = {'vehicle', 'methods', 'param', 'out', 'tables', 'manoeuvres', 'seeds'}
+"""The options that count with ``--manoeuvres``."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study; return its exit code, 130 after Ctrl-C."""
+    options = _parse(sys.argv[1:] if argv is None else argv)
+    return concluded('dynamic_study', partial(_study, options))
+
+
+def _study(options: argparse.Namespace) -> None:
+    """Fly, write all files and print dynamic.md."""
+    case, allocators = case_of(options, flying=True)
+    options.out.mkdir(parents=True, exist_ok=True)
+    if options.manoeuvres is not None:
+        print(_fly_manoeuvres(case, allocators, options))
+        print(f'written: manoeuvres.csv, .json and .md in {options.out}')
+        return
+    if 'margin' in options.plot_rows and case.vehicle.tilts is not None:
+        raise ParameterError('--plot-rows margin: expected a vehicle whose rotors do not tilt')
+    failures = failures_of(options)
+    failures.check(case.vehicle)
+    options.goals = goals = trajectory_of(options)
+    changes = {name: [*case.failing(name, failures), *goals.changes()] for name in allocators}
+    if options.ros:
+        check(list(allocators))
+    if options.detect and failures.failures and failures.announce is not None:
+        raise ParameterError('--detect: with --announce never, since nobody else names failures')
+    flights = _fly(case, allocators, changes, options)
+    found = {
+        name: replay(case.detector(), flight) if options.detect else []
+        for name, flight in flights.items()
+    }
+    changes = {name: [*changes[name], *case.detected(name, found[name])] for name in flights}
+    print(_write(case, flights, changes, found, options))
+    print(f'written: dynamic.csv, .json, .md and plots in {options.out}')
+
+
+def _parse(argv: Sequence[str]) -> argparse.Namespace:
+    made = parser(
+        'dynamic_study',
+        'Fly to a waypoint or along a trajectory with each method: dynamic.csv, dynamic.json, '
+        'dynamic.md and plots.',
+    )
+    add = made.add_argument
+    add('--duration', type=positive(float), default=10.0, help='time of flight [s]')
+    over_ros = 'fly over the ROS nodes, in lockstep: the same flights, to the last bit'
+    add('--ros', action='store_true', help=over_ros)
+    add('--animate', action='store_true', help='also write animation.gif, which shows the flights')
+    names = f'instead fly manoeuvres that saturate the rotors: {", ".join(MANOEUVRES)}'
+    add('--manoeuvres', metavar='A,B', help=names)
+    add('--seeds', type=positive(int), default=50, metavar='N', help='of each manoeuvre')
+    rows = f'also draw these rows of each method, rows.png: {", ".join(ROWS)}'
+    add('--plot-rows', type=_rows, default=(), metavar='A,B', help=rows)
+    add_options(made)
+    own, ros = split(argv)
+    options = made.parse_args(own)
+    if given := [word for word in ros if word in ('-p', '--param', '--params-file')]:
+        # The nodes would fly with other parameters than those that the study reports.
+        made.error(f'{given[0]} after --ros-args: give parameters by --vehicle and -p before it')
+    options.ros_arguments = ros
+    strange = {*(options.manoeuvres or 'upsets').split(',')} - {*MANOEUVRES}
+    if strange:
+        made.error(f'--manoeuvres {", ".join(sorted(strange))}: expected {", ".join(MANOEUVRES)}')
+    named = _given(made, own)
+    # The results name the command, without the options that do not count.
+    if 'manoeuvres' in named:
+        if strange := named - FOR_MANOEUVRES:
+            words = ', '.join(f'--{name.replace("_", "-")}' for name in sorted(strange))
+            made.error(f'--manoeuvres: not with {words}')
+        options.duration = None
+    else:
+        if 'seeds' in named:
+            made.error('--seeds: only with --manoeuvres')
+        options.seeds = None
+    return options
+
+
+def _given(parser: argparse.ArgumentParser, argv: Sequence[str]) -> set[str]:
+    """Return the names of the options on a command line, also of those with their defaults."""
+    unset: list[str] = []
+    names = dict.fromkeys(vars(parser.parse_args([])), unset)
+    found = vars(parser.parse_args(argv, argparse.Namespace(**names)))
+    return {name for name, value in found.items() if value is not unset}
+
+
+def _rows(text: str) -> list[str]:
+    """Return the rows in a text such as demand,margin, for argparse."""
+    words = [word.strip() for word in text.split(',')]
+    if strange := {*words} - {*ROWS}:
+        raise argparse.ArgumentTypeError(f'{sorted(strange)}: expected {", ".join(ROWS)}')
+    return list(dict.fromkeys(words))
+
+
+def _fly_manoeuvres(
+    case: Case, allocators: Mapping[str, Allocator], options: argparse.Namespace
+) -> str:
+    """Fly each manoeuvre of each seed with each method; write the files, return manoeuvres.md."""
+    names = options.manoeuvres.split(',')
+    rows = tqdm(
+        fly_seeds(case, list(allocators), names, options.seeds), unit=' flights', disable=None,
+        total=len(names) * options.seeds * len(allocators),
+    )
+    found = pd.DataFrame(rows)
+    text = render(
+        'manoeuvres.md', table=summary(found), recovered=RECOVERED,
+        **(about := facts(case, 'dynamic_study', options)),
+    )
+    write(options.out / 'manoeuvres', found, about, text, options.tables)
+    return text
+
+
+def _fly(
+    case: Case, allocators: Mapping[str, Allocator], changes: Mapping[str, Sequence[Change]],
+    options: argparse.Namespace,
+) -> dict[str, Flight]:
+    """Return the flights by method."""
+    flights = {}
+    words = [*trajectory_words(options), *failure_words(failures_of(options))]
+    words += ['--detect'] * options.detect
+    for name, allocator in tqdm(allocators.items(), unit=' flights', disable=None):
+        if options.ros:
+            given = [*words, *options.ros_arguments]
+            flights[name] = fly_over_ros(case, name, options.duration, given)
+        else:
+            loop = case.controller(), allocator, case.plant()
+            goal = options.goals.first, options.duration
+            detection = case.detection(name) if options.detect else None
+            flights[name] = fly(*loop, *goal, changes=changes[name], detection=detection)
+    return flights
+
+
+def _write(
+    case: Case, flights: Mapping[str, Flight], changes: Mapping[str, Sequence[Change]],
+    detected: Mapping[str, Found], options: argparse.Namespace,
+) -> str:
+    """Write all files; return dynamic.md."""
+    goal = options.goals.last
+    out, failures = options.out, failures_of(options)
+    last = failures.health(case.vehicle.health, round(options.duration * 1e9))
+    samples = {
+        name: sample_errors(
+            flight, case.controller(), options.goals.first, changes[name], case.body().vehicle
+        ) for name, flight in flights.items()
+    }
+    resting = bool((case.plant().state == NULL_STATE).all())
+    # The observations are about the paper's flight without failures.
+    words, problem = trajectory_words(options), VehicleProblem(case.vehicle)
+    checked = flown_as_in_the_paper(case.parameters) and not options.fail and not words
+    observations = list(observe(flights, problem, goal)) if checked else []
+    lost = audit(case.vehicle.with_health(last)).lost
+    found = {
+        'duration': options.duration,
+        'start': 'rest at the origin' if resting else 'the initial state of the parameters',
+        'goal': str(options.goals),
+        'flown': 'over ROS nodes in lockstep' if options.ros else 'offline',
+        **facts(case, 'dynamic_study', options, [*words, *failure_words(failures)]),
+        'methods': {
+            name: metrics(flight, samples[name], goal) for name, flight in flights.items()
+        },
+        'failures': failure_words(failures),
+        'detected': {name: _named(case, each) for name, each in detected.items()}
+        if options.detect else {},
+        'lost_axes': lost,
+        'observations': {each.sentence: each.holds for each in observations},
+        'findings': [] if checked else list(findings(flights, goal, lost)),
+        'numbers': {each.sentence: each.numbers for each in observations},
+    }
+    tables = [{'method': name, **flight.columns()} for name, flight in flights.items()]
+    rows = pd.concat(map(pd.DataFrame, tables))
+    text = document(found)
+    write(out / 'dynamic', rows, found, text, options.tables)
+    times = {name: [time / 1e9 for time, _ in found] for name, found in detected.items()}
+    study = Flights(flights, samples, case.vehicle, options.goals, failures, times)
+    if options.animate:
+        animate(out / 'animation.gif', study)
+    if options.figures:
+        draw(out, study, options.figures, options.figure_width, options.plot_rows)
+    return text
+
+
+def _named(case: Case, found: Found) -> str:
+    """Return which rotors a detector named, and when."""
+    first: dict[int, float] = {}
+    for time, health in found:
+        for rotor in (health < case.vehicle.health).nonzero()[0].tolist():
+            first.setdefault(rotor + 1, time / 1e9)
+    return ', '.join(f'rotor {rotor} at {time:.2f} s' for rotor, time in first.items()) or 'none'

@@ -1,0 +1,99 @@
+"""``python -m ca_ros audit``: which axes a vehicle's rotors can control, and after each loss."""
+
+import argparse
+from collections.abc import Sequence
+from itertools import zip_longest
+
+import numpy as np
+
+from ca_ros.simulation.settings import ControlSettings
+from ca_ros.nodes.settings import AllocatorSettings, load_for
+from ca_ros.problem.audit import Audit, accept, audit
+from ca_ros.problem.controllability import lift, unit
+from ca_ros.settings import ParameterError
+from ca_ros.vehicle.failures import read_failures, with_failures
+from ca_ros.vehicle.vehicle import Vehicle
+
+COMMAND = (
+    'audit',
+    "say which axes a vehicle's rotors can control, and what is left after the loss of each; the "
+    'exit code is 1 if the nodes would refuse the vehicle',
+)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    add = parser.add_argument
+    add('vehicle', help='a shipped vehicle or a parameter file')
+    failed = 'rotors that are lost already, counted from 1, or weaker; all=0.8: each at 80 %%'
+    add('--fail', action='append', metavar='ROTOR[=HEALTH],...', help=failed)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print the audit; raise a `ParameterError` if the nodes would refuse the vehicle."""
+    load_for(AllocatorSettings, options.vehicle)
+    vehicle = Vehicle.load(options.vehicle)
+    if options.fail is not None:
+        try:
+            vehicle = with_failures(vehicle, read_failures(','.join(options.fail)))
+        except ParameterError as error:
+            raise ParameterError(f'--fail: {error}') from None
+    rotors = f'{vehicle.n} rotors'
+    if 'thrust' in vehicle.axes:
+        rotors += ' that lift {:.3g} to {:.3g} kg'.format(*lift(vehicle))
+    print(f'{options.vehicle}: {vehicle.mass:.3g} kg on {rotors}\n\n{table(vehicle)}')
+    report = audit(vehicle)
+    for line in [*remains(report, options.vehicle), *(f'warning: {w}' for w in report.warnings)]:
+        print(line)
+    accept(vehicle)
+
+
+def remains(report: Audit, file: str) -> list[str]:
+    """Return what hover leaves of the forces along x and y, and what follows; empty if nothing."""
+    force = report.side_force
+    if not force.any():
+        return []
+    settings = load_for(ControlSettings, file).controller
+    stiffness = float(np.min(np.broadcast_to(settings.position_stiffness, 3)[:2]))
+    size = float(np.linalg.norm(force))
+    away = size / (report.vehicle.mass * stiffness)
+    named = ', '.join(
+        f'{axis} {value:+.3g}' for axis, value in zip(('x', 'y'), force, strict=True))
+    gain = settings.integral_gain
+    follows = (
+        f'controller.integral_gain {gain:g} 1/s compensates it' if gain else
+        f'without controller.integral_gain the vehicle hovers up to {away:.2g} m beside its '
+        'waypoint, F / (m position_stiffness)'
+    )
+    return [f'hover leaves a side force of {size:.3g} N ({named}): {follows}']
+
+
+def table(vehicle: Vehicle) -> str:
+    """Return a table of the controllable axes, of the vehicle as it is and without each rotor."""
+    cases = {'none': vehicle}
+    for rotor in (np.flatnonzero(vehicle.health > 0.0) + 1).tolist():
+        cases[f'rotor {rotor}'] = with_failures(vehicle, {str(rotor): 0.0})
+    rows = [
+        ['failed', 'lost axes', 'hover margin [N, N m]'],
+        *([failed, *_row(audit(case), vehicle.axes)] for failed, case in cases.items()),
+    ]
+    rows[0] += [f'{axis} [{unit(axis)}]' for axis in vehicle.axes]
+    # The last entry of a row may be a sentence, and does not widen its column.
+    columns = zip_longest(*(row[:-1] for row in rows), fillvalue='')
+    widths = [max(map(len, column)) for column in columns]
+    return '\n'.join(
+        '  '.join(f'{word:{width}}' for word, width in zip(row[:-1], widths, strict=False))
+        + f'  {row[-1]}' for row in rows
+    )
+
+
+def _row(report: Audit, axes: Sequence[str]) -> list[str]:
+    lost = ', '.join(report.lost) or '-'
+    if not report.keeps_hovering:
+        return [lost, report.why_no_hover()]
+    try:
+        margin = f'{report.controllable_hover_margin:.3g}'
+    except ValueError:
+        margin = 'too many rotors'
+    ends = (report.ends(axis) if axis in report.authority else '-' for axis in axes)
+    return [lost, margin, *ends]

@@ -1,0 +1,137 @@
+"""The static study: the methods on random wrenches of the admissible set, as in Table 1."""
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from functools import partial
+from math import isfinite
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ca_ros.allocation import AllocationProblem
+from ca_ros.allocation import Allocator
+from ca_ros.arguments import positive, split
+from ca_ros.studies.cases import Case
+from ca_ros.studies.engine import add_options, chunk_size, compute
+from ca_ros.studies.errors import ERRORS, columns
+from ca_ros.studies.result_files import facts, write
+from ca_ros.studies.static.chunks import StaticChunks, Summary, merged
+from ca_ros.studies.static.plots import draw
+from ca_ros.studies.static.tables import document, standard_error
+from ca_ros.studies.study_cli import case_of, concluded, natural, parser
+from ca_ros.studies.wrench_metrics import metrics
+from ca_ros.studies.wrench_sets import SAMPLINGS
+from ca_ros.problem.admissible_set import AdmissibleSet
+
+SINGLE_MAX = 10_000  # up to this number of samples each call is timed; of more samples, each batch
+
+CHUNK, BATCH = 100, 10_000  # samples that a method allocates in turn: one by one, in a batch
+KEPT = 10_000  # the first samples, for the plots and the metrics of `wrench_metrics`
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study; return its exit code, 130 after Ctrl-C."""
+    options = _parse(sys.argv[1:] if argv is None else argv)
+    return concluded('static_study', partial(_study, options))
+
+
+def _study(options: argparse.Namespace) -> None:
+    """Do the study, write its files and print the table."""
+    case, allocators = case_of(options)
+    options.out.mkdir(parents=True, exist_ok=True)
+    batch = options.samples > SINGLE_MAX
+    if not batch:
+        # Calls that are timed run alone.
+        options.workers = options.workers or 1
+    step = BATCH if batch else CHUNK
+    size, rows = chunk_size(options.samples, step), options.rows or KEPT
+    drawn = options.sampling, options.seed, options.samples
+    task = StaticChunks(case, list(allocators), *drawn, size, step, batch, rows)
+    own = [name for name in allocators if ':' in name]
+    count = -(-options.samples // size)
+    parts = compute(task, count, options, own, unit=' samples', unit_scale=size)
+    text = _write(case, allocators, parts, options)
+    print(text.partition('\n## ')[0])
+    print(f'written: static.csv, .json, .md and plots in {options.out}')
+
+
+def _parse(argv: Sequence[str]) -> argparse.Namespace:
+    made = parser(
+        'static_study',
+        'Allocate random wrenches of the admissible set by each method: static.csv, static.json, '
+        'static.md and plots.',
+    )
+    count = f'number of wrenches; of more than {SINGLE_MAX}, batches are timed, not calls'
+    made.add_argument('--samples', type=positive(int), default=1000, metavar='N', help=count)
+    made.add_argument('--seed', type=natural, default=0, help='same seed, same wrenches')
+    kinds = (
+        'volume: uniform in the admissible set; thrusts: uniform in the bounds of the thrusts; '
+        'boundary: projected onto the boundary of the set; outside: beyond it, up to as much again'
+    )
+    made.add_argument('--sampling', choices=SAMPLINGS, default='volume', help=kinds)
+    rows = f'samples whose rows are in static.csv, the first ones (default: {KEPT}, the least)'
+    made.add_argument('--rows', type=positive(int), metavar='N', help=rows)
+    add_options(made)
+    options = made.parse_args(split(argv)[0])
+    if options.rows is not None and options.rows < KEPT:
+        made.error(f'--rows {options.rows}: plots and metrics need at least {KEPT}')
+    return options
+
+
+def _write(
+    case: Case, allocators: Mapping[str, Allocator],
+    parts: Sequence[tuple[list[pd.DataFrame], dict[str, Summary]]], options: argparse.Namespace,
+) -> str:
+    """Write all files; return static.md."""
+    rows = pd.concat([rows for kept, _ in parts for rows in kept], ignore_index=True)
+    methods = {name: merged([own[name] for _, own in parts]) for name in allocators}
+    samples = options.samples
+    found = {
+        'samples': samples,
+        'rows': len(rows) // len(methods),
+        'judged': min(samples, KEPT),
+        'seed': options.seed,
+        'sampling': options.sampling,
+        'timing': f'batches of {BATCH}' if options.samples > SINGLE_MAX else 'single calls',
+        **facts(case, 'static_study', options),
+        'methods': {
+            name: _metrics(own, samples, rows[rows['method'] == name][:KEPT], case.problem)
+            for name, own in methods.items()
+        },
+        'left_out': case.left_out,
+    }
+    text = document(found)
+    write(options.out / 'static', rows.drop(columns='violation'), found, text, options.tables)
+    times = {name: own['time'] for name, own in methods.items()}
+    if options.figures:
+        style = options.figures, options.figure_width
+        admissible = AdmissibleSet(case.problem)
+        draw(options.out, admissible, allocators, rows, times, found['timing'], *style)
+    return text
+
+
+def _metrics(
+    own: Summary, samples: int, rows: pd.DataFrame, problem: AllocationProblem
+) -> dict[str, Any]:
+    """Return the metrics of a method from its summary and its first rows."""
+    violations, worst, time = own['violations'], own['violation_max'], np.array(own['time'])
+    demands = rows[columns(problem)].to_numpy()
+    thrusts = rows.filter(regex=r'^f_\d+$').to_numpy()
+    return {
+        'violations': violations,
+        'violations_standard_error': standard_error(violations, samples),
+        # None for a method that had no thrusts to saturate.
+        'violation_max': worst if isfinite(worst) else None,
+        **{
+            name: {'mean': own[name]['sum'] / samples, 'max': own[name]['max']} for name in ERRORS
+            if name in own
+        },
+        'time': {
+            'mean': float(time.mean()), 'max': float(time.max()), 'median': float(np.median(time)),
+            'p99': float(np.percentile(time, 99)),
+        },
+        'status': own['status'],
+        **metrics(problem, demands, thrusts),
+    }

@@ -1,0 +1,87 @@
+"""The command lines of the studies."""
+
+import argparse
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from ca_ros.allocation import ALLOCATORS
+from ca_ros.allocation import Allocator
+from ca_ros.arguments import HelpFormatter
+from ca_ros.errors import CaRosError, message
+from ca_ros.studies.cases import Case, methods_of
+from ca_ros.studies.comparison import FOR_COMPARISON
+from ca_ros.figures import add_options
+
+
+def parser(prog: str, description: str) -> argparse.ArgumentParser:
+    """Return a parser with the options that the studies share."""
+    made = argparse.ArgumentParser(prog=prog, description=description)
+    made.formatter_class = HelpFormatter
+    add = made.add_argument
+    add('--vehicle', default='hexarotor', help='a shipped vehicle or a YAML file')
+    compared = (
+        f'what to compare: {", ".join([*ALLOCATORS, *FOR_COMPARISON])}, module:Class for a '
+        f"method of your own; paper for the paper's four, all for the first {len(ALLOCATORS)}"
+    )
+    add('--methods', default='paper', metavar='A,B', help=compared)
+    change = "a parameter other than in the vehicle's file, as with ROS; may be repeated"
+    add('-p', '--param', action='append', default=[], metavar='NAME:=VALUE', help=change)
+    add('--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results')
+    tables = 'latex: also the tables as LaTeX, with the rules of booktabs'
+    add('--tables', choices=('markdown', 'latex'), default='markdown', help=tables)
+    add_options(made)
+    return made
+
+
+def case_of(
+    options: argparse.Namespace, flying: bool = False
+) -> tuple[Case, dict[str, Allocator]]:
+    """Return case and allocators of a command line.
+
+    Methods of a set such as ``all`` that do not apply to a problem without a vehicle, or to rotors
+    that tilt, are left out, with a note; see `Case.left_out`.  With `flying`, a problem without a
+    vehicle is refused.  Raises a CaRosError if the command line is wrong.
+    """
+    try:
+        methods = methods_of(options.methods)
+        case = Case.load(options.vehicle, options.param, methods, flying)
+        asked = [word.strip() for word in options.methods.split(',')]
+        allocators = {}
+        for method in methods:
+            try:
+                allocators[method] = case.allocator(method)
+            except ValueError as error:
+                if method in asked or (case.flies and case.vehicle.tilts is None):
+                    raise
+                case.left_out[method] = str(error)
+                print(f'{method} is left out: {error}', file=sys.stderr)
+    except ValueError as error:
+        raise CaRosError(str(error)) from None
+    return case, allocators
+
+
+def concluded(prog: str, study: Callable[[], None]) -> int:
+    """Do a study; return its exit code: 1 after an error, 130 after Ctrl-C, in one line each.
+
+    Errors in a method of the user's own are shown with their traceback.
+    """
+    # Shells start background processes with SIGINT ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        study()
+    except (CaRosError, FloatingPointError, OSError) as error:
+        print(f'{prog}: {message(error)}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt as stop:
+        print(f'{prog}: interrupted{stop}', file=sys.stderr)
+        return 130
+    return 0
+
+
+def natural(text: str) -> int:
+    """Return a whole number from 0 on; an argparse type."""
+    if text.isdecimal():
+        return int(text)
+    raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
