@@ -112,7 +112,7 @@ setup(
     py_modules=['ca_ros_commands', 'pytest_ca_ros'],
     package_data={
         package: [
-            'explorer.html', 'py.typed', 'evaluation/templates/*',
+            'explorer.html', 'py.typed', 'studies/templates/*',
             'firmware/templates/*', 'kernel/*.[ch]', 'process/discovery.xml',
         ],
     },

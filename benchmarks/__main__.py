@@ -20,11 +20,11 @@ from benchmarks.plot import draw
 from benchmarks.sizes import FULL, QUICK, Sizes
 from benchmarks.timing import summarize
 from ca_ros.errors import CaRosError
+from ca_ros.figures import save
 from ca_ros.studies.cases import Case, methods_of
 from ca_ros.studies.paper import of_the_paper
 from ca_ros.studies.result_files import machine, versions
 from ca_ros.studies.tables import listed
-from ca_ros.figures import save
 
 THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 """Number of threads of linear algebra libraries."""

@@ -10,8 +10,7 @@ import numpy as np
 
 from benchmarks import peers
 from benchmarks.peers import Call
-from ca_ros.allocation import Allocator
-from ca_ros.allocation import make_allocator
+from ca_ros.allocation import Allocator, make_allocator
 from ca_ros.problem.problem import AllocationProblem
 
 BASELINE = 'clipped_pinv'  # the clipped pseudo-inverse; its time is the unit of all others

@@ -16,14 +16,14 @@ from benchmarks.timing import Jobs, Key, measure, rounds
 from benchmarks.wrenches import flown, ring
 from ca_ros.allocation.exact import Exact
 from ca_ros.arrays import Array
-from ca_ros.studies.cases import Case
-from ca_ros.studies.wrench_sets import near_boundary
-from ca_ros.simulation.settings import ControllerSettings
+from ca_ros.control.controller_settings import ControllerSettings
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import read
+from ca_ros.studies.cases import Case
+from ca_ros.studies.wrench_sets import near_boundary
 from ca_ros.vehicle.vehicle import Vehicle
 
 ROTORS, TILT = 16, float(np.radians(25.0))  # of set-ups; their tilt for six axes [rad]

@@ -17,8 +17,8 @@ from scipy import sparse
 
 from ca_ros.allocation.osqp_program import osqp_program
 from ca_ros.arrays import Array
-from ca_ros.studies.comparison import hierarchical
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.studies.comparison import hierarchical
 
 Call = Callable[[Array], Any]  # from a wrench (m,) [N, N m] to an answer
 

@@ -8,8 +8,8 @@ from matplotlib.patheffects import withStroke
 
 from benchmarks.contenders import BASELINE
 from benchmarks.parts import SETS
-from ca_ros.studies.plot_style import title
 from ca_ros.figures import COLORS, DASHED, label_decades, sheet, style
+from ca_ros.studies.plot_style import title
 
 ROWS = {
     'exact': 'exact', 'daqp_reused': 'DAQP, reused', 'daqp': 'DAQP', 'quadprog': 'quadprog',

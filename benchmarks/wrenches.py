@@ -7,15 +7,16 @@ import numpy as np
 
 from ca_ros.allocation import make_allocator
 from ca_ros.arrays import Array
-from ca_ros.simulation.closed_loop import fly
 from ca_ros.control.controller import Controller
-from ca_ros.simulation.rigid_body import NULL_STATE, RigidBody, rotation_matrix
-from ca_ros.simulation.settings import ControllerSettings
+from ca_ros.control.controller_settings import ControllerSettings
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes.settings import load
 from ca_ros.settings import flat
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.simulation.rigid_body import RigidBody
 from ca_ros.vehicle import geometry
 from ca_ros.vehicle.settings import AXES, RingSettings
+from ca_ros.vehicle.state import NULL_STATE, rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
 WAYPOINTS = (

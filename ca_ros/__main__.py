@@ -13,15 +13,13 @@ from ca_ros import explore
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.commands import COMMANDS, warn_in_one_line
 from ca_ros.errors import message
-from ca_ros.studies import fit_thrust
-from ca_ros.studies import identify
-from ca_ros.studies.sets import audit_command
 from ca_ros.kernel import NOT_BUILT, chosen, load
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.px4 import parameters as px4_parameters
-from ca_ros.vehicle.formats import urdf
+from ca_ros.studies import fit_thrust, identify
+from ca_ros.studies.sets import audit_command
 from ca_ros.vehicle.files import shipped_problems, shipped_tilting, shipped_vehicles
-from ca_ros.vehicle.formats import gazebo
+from ca_ros.vehicle.formats import gazebo, urdf
 from ca_ros.vehicle.vehicle import Vehicle
 
 DOCS = {

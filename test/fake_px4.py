@@ -14,10 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros import Exact
 from ca_ros.control.controller import Controller
-from ca_ros.simulation.plant import Plant, body_of
-from ca_ros.simulation.rigid_body import ATTITUDE, POSITION, VELOCITY, velocity_in_body
-from ca_ros.simulation.settings import ControllerSettings, PlantSettings
+from ca_ros.control.controller_settings import ControllerSettings
 from ca_ros.control.waypoint import Waypoint
+from ca_ros.simulation.plant import Plant, body_of
+from ca_ros.simulation.plant_settings import PlantSettings
+from ca_ros.simulation.rigid_body import velocity_in_body
+from ca_ros.vehicle.state import ATTITUDE, POSITION, VELOCITY
 
 HOLD, RTL, OFFBOARD, EXTERNAL1 = 4, 5, 14, 23
 DISARMED, ARMED = 1, 2

@@ -20,16 +20,7 @@ from std_msgs.msg import Float64MultiArray, Int8MultiArray, MultiArrayDimension
 
 from ca_ros import Vehicle, control_allocation_matrix
 from ca_ros.allocation.settings import allocator_of
-from ca_ros.simulation.closed_loop import fly
 from ca_ros.control.controller import Controller
-from ca_ros.simulation.rigid_body import (
-    ANGULAR_VELOCITY,
-    ATTITUDE,
-    NULL_STATE,
-    POSITION,
-    RigidBody,
-    velocity_in_body,
-)
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.controller import ControllerNode
@@ -39,8 +30,11 @@ from ca_ros.nodes.simulator import SimulatorNode
 from ca_ros.nodes.viewer import ViewerNode
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
 from ca_ros.testing import DEADLINE, RELIABLE, Diagnostics, six, wrench
 from ca_ros.vehicle.settings import AXES
+from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, POSITION
 from strategies import settings_of
 
 # Flights

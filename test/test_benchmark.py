@@ -16,8 +16,8 @@ from benchmarks.parts import SETS
 from benchmarks.sizes import QUICK
 from benchmarks.timing import Key
 from ca_ros import AdmissibleSet, make_allocator
-from ca_ros.studies.wrench_sets import near_boundary, samples
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.studies.wrench_sets import near_boundary, samples
 from strategies import FLEET, HEXAROTOR
 
 pytestmark = pytest.mark.slow

@@ -18,8 +18,8 @@ from ca_ros import Vehicle
 from ca_ros.bringup import flight
 from ca_ros.bringup.agreement import check, differences
 from ca_ros.bringup.bringup import main, write_results
-from ca_ros.bringup.options import parse
 from ca_ros.bringup.flight import Flown
+from ca_ros.bringup.options import parse
 from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.settings import DECLARED

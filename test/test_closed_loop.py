@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from ca_ros import ALLOCATORS, Vehicle, make_allocator
-from ca_ros.studies.cases import Case
-from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.control.controller import Controller
-from ca_ros.simulation.plant import Plant
-from ca_ros.simulation.rigid_body import RigidBody
-from ca_ros.simulation.settings import PlantSettings
 from ca_ros.control.waypoint import Waypoint
+from ca_ros.simulation.closed_loop import Change, fly
+from ca_ros.simulation.plant import Plant
+from ca_ros.simulation.plant_settings import PlantSettings
+from ca_ros.simulation.rigid_body import RigidBody
+from ca_ros.studies.cases import Case
 from strategies import HEXAROTOR, file_values, length, settings_of
 
 PARAMETERS = file_values('hexarotor')

@@ -9,13 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros import AdmissibleSet
 from ca_ros.control.controller import Controller
-from ca_ros.simulation.record import Flight
-from ca_ros.simulation.rigid_body import (
-    heading,
-    tilt,
-)
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.prioritization import THRUST_DEVIATIONS, PrioritiesSettings
+from ca_ros.simulation.record import Flight
+from ca_ros.vehicle.state import heading, tilt
 from strategies import FLEET, HEXAROTOR, settings_of
 
 SETTINGS = settings_of({})

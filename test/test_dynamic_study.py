@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 
 from ca_ros import Vehicle
+from ca_ros.control.controller import Controller
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.errors import CaRosError
+from ca_ros.problem.audit import audit
+from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.simulation.record import Flight
+from ca_ros.simulation.rigid_body import RigidBody
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.studies.cases import PAPER, Case
 from ca_ros.studies.dynamic import study as dynamic_study
 from ca_ros.studies.dynamic.manoeuvres import median_of, share_of
@@ -20,15 +29,6 @@ from ca_ros.studies.dynamic.plots import coinciding_groups
 from ca_ros.studies.dynamic.ros_flight import fly_over_ros
 from ca_ros.studies.dynamic.study import main
 from ca_ros.studies.tables import latex
-from ca_ros.simulation.closed_loop import fly
-from ca_ros.control.controller import Controller
-from ca_ros.simulation.record import Flight
-from ca_ros.simulation.rigid_body import RigidBody
-from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.control.trajectory import Trajectory
-from ca_ros.control.waypoint import Waypoint
-from ca_ros.problem.audit import audit
-from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import EVERY_EFFECT, HEXAROTOR, length, settings_of
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))

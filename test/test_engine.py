@@ -13,8 +13,7 @@ from threading import Barrier
 import pytest
 
 from ca_ros.errors import CaRosError
-from ca_ros.studies import engine
-from ca_ros.studies import result_files
+from ca_ros.studies import engine, result_files
 from ca_ros.studies.engine import code, compute
 from ca_ros.studies.static import study
 from ca_ros.studies.static.study import main

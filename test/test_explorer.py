@@ -13,11 +13,11 @@ from ca_ros import AdmissibleSet, Exact, Vehicle, control_allocation_matrix, mak
 from ca_ros.__main__ import main
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.settings import AllocatedVehicleSettings
-from ca_ros.studies.comparison import FixedPseudoInverse
 from ca_ros.explore import PAGE
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.settings import check_given, renamed, table
+from ca_ros.studies.comparison import FixedPseudoInverse
 from ca_ros.vehicle.failures import read_failures, with_failures
 from ca_ros.vehicle.files import config_directory, read
 from ca_ros.vehicle.settings import MovingBodySettings

@@ -7,19 +7,20 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from ca_ros.studies.cases import Case
-from ca_ros.simulation.closed_loop import Change, fly
-from ca_ros.detection.motor_model import CommandedRotors
+from ca_ros.control.waypoint import Waypoint
+from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.hypothesis_test import FailureTest, stuck_servos
 from ca_ros.detection.kernel_detector import KernelDetector, packed
 from ca_ros.detection.lag_check import LagCheck
-from ca_ros.vehicle.motor_lag import lagged
-from ca_ros.simulation.rigid_body import ANGULAR_VELOCITY, ATTITUDE, velocity_in_body
-from ca_ros.simulation.settings import DetectorSettings
-from ca_ros.control.waypoint import Waypoint
+from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.kernel import extension
+from ca_ros.simulation.closed_loop import Change, fly
+from ca_ros.simulation.rigid_body import velocity_in_body
+from ca_ros.studies.cases import Case
 from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.motor_lag import lagged
+from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE
 from ca_ros.vehicle.vehicle import Vehicle
 from strategies import HEXAROTOR, length
 

@@ -13,16 +13,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure
 
 from ca_ros.bringup.plots import draw_flight
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
+from ca_ros.figures import HIGHEST, millimetres, save, style
+from ca_ros.simulation.closed_loop import fly
 from ca_ros.studies.cases import Case
 from ca_ros.studies.dynamic import study as dynamic_study
 from ca_ros.studies.dynamic.plots import ROWS
 from ca_ros.studies.plot_style import PANELS_MAX, panel_titles
 from ca_ros.studies.sets import attainable
 from ca_ros.studies.static import study as static_study
-from ca_ros.figures import HIGHEST, millimetres, save, style
-from ca_ros.simulation.closed_loop import fly
-from ca_ros.control.trajectory import Trajectory
-from ca_ros.control.waypoint import Waypoint
 from strategies import length
 
 pytestmark = pytest.mark.slow

@@ -14,15 +14,15 @@ from PIL import Image
 
 from ca_ros import Vehicle
 from ca_ros.bringup.plots import draw_flight
-from ca_ros.studies.cases import Case
-from ca_ros.studies.dynamic.animation import BODY, FRONT, LOST, THRUST, animate
-from ca_ros.studies.dynamic.metrics import Flights, sample_errors
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.figures import COLORS, FORMATS, formats, millimetres, save
 from ca_ros.simulation.closed_loop import fly
 from ca_ros.simulation.record import Flight
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.control.trajectory import Trajectory
-from ca_ros.control.waypoint import Waypoint
+from ca_ros.studies.cases import Case
+from ca_ros.studies.dynamic.animation import BODY, FRONT, LOST, THRUST, animate
+from ca_ros.studies.dynamic.metrics import Flights, sample_errors
 from strategies import FLEET, length
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, np.radians(45.0))

@@ -13,12 +13,12 @@ from ca_ros.bringup.agreement import check, combined, not_compared
 from ca_ros.bringup.options import parse
 from ca_ros.bringup.scenario import Timeline
 from ca_ros.commands import NODES
-from ca_ros.errors import CaRosError
-from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
+from ca_ros.errors import CaRosError
 from ca_ros.nodes.settings import DECLARED
 from ca_ros.nodes.topics import STANDING
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.testing import Diagnostics
 from ca_ros.vehicle.vehicle import Vehicle
 from nodes import fly_offline, host, read
@@ -109,7 +109,8 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from ca_ros import Vehicle
-from ca_ros.simulation.rigid_body import NULL_STATE, RigidBody, velocity_in_body
+from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
+from ca_ros.vehicle.state import NULL_STATE
 
 stop = []
 signal.signal(signal.SIGTERM, lambda number, _: stop.append(number))

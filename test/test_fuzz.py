@@ -13,8 +13,8 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray, Int8MultiArray, MultiArrayDimension
 
 from ca_ros import AdmissibleSet
-from ca_ros.simulation.rigid_body import NULL_STATE
 from ca_ros.testing import Diagnostics, counts, six, wrench
+from ca_ros.vehicle.state import NULL_STATE
 from nodes import (
     BODY,
     HOVER,

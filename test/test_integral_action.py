@@ -8,11 +8,11 @@ import pytest
 
 from ca_ros import audit
 from ca_ros.__main__ import main
-from ca_ros.studies.cases import Case
-from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.control.momentum_observer import MomentumObserver
-from ca_ros.simulation.rigid_body import velocity_in_body
 from ca_ros.control.waypoint import Waypoint
+from ca_ros.simulation.closed_loop import Change, fly
+from ca_ros.simulation.rigid_body import velocity_in_body
+from ca_ros.studies.cases import Case
 from ca_ros.vehicle.files import config_directory
 from strategies import HEXAROTOR, length
 

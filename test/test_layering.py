@@ -85,7 +85,7 @@ sys.path.insert(0, {str(Path(__file__).parent.parent)!r})
 def test_every_module_but_the_nodes_imports_without_ros(tmp_path):
     result = run(tmp_path, EVERY_MODULE)
     assert result.returncode == 0, result.stderr
-    modules = {'ca_ros.vehicle.vehicle', 'ca_ros.allocation.exact', 'ca_ros.simulation.closed_loop'}
+    modules = {'ca_ros.vehicle.vehicle', 'ca_ros.allocation.exact', 'ca_ros.simulation.plant'}
     assert modules <= set(result.stdout.split())
 
 
@@ -200,8 +200,8 @@ def test_an_interrupt_while_the_package_is_imported_ends_a_command_without_a_tra
 
 # Rooms
 
-ROOMS = ['vehicle', 'solver', 'kernel', 'problem', 'allocation', 'flight', 'firmware', 'nodes',
-         'px4', 'process', 'bringup', 'evaluation', 'testing']
+ROOMS = ['vehicle', 'solver', 'kernel', 'problem', 'allocation', 'control', 'detection',
+         'simulation', 'firmware', 'nodes', 'px4', 'process', 'bringup', 'studies', 'testing']
 """From the first to the last on the way of a wrench: none imports a later one."""
 
 PACKAGE = Path(__file__).parent.parent / 'ca_ros'

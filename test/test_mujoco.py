@@ -13,19 +13,16 @@ import pytest
 from PIL import Image, ImageSequence
 
 from ca_ros import Vehicle, make_allocator
-from ca_ros.simulation import closed_loop
 from ca_ros.control.controller import Controller
+from ca_ros.control.waypoint import Waypoint
+from ca_ros.nodes.settings import load
+from ca_ros.simulation import closed_loop
 from ca_ros.simulation.drag import Drag
 from ca_ros.simulation.plant import Plant, body_of
 from ca_ros.simulation.record import Flight
-from ca_ros.simulation.rigid_body import (
-    ATTITUDE,
-    NULL_STATE,
-    RigidBody,
-)
-from ca_ros.control.waypoint import Waypoint
-from ca_ros.nodes.settings import load
+from ca_ros.simulation.rigid_body import RigidBody
 from ca_ros.vehicle.files import shipped_vehicles
+from ca_ros.vehicle.state import ATTITUDE, NULL_STATE
 from nodes import read
 from strategies import FLEET, build, length, ring
 

@@ -8,13 +8,13 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
-from ca_ros.studies.cases import Case
-from ca_ros.studies.dynamic.ros_flight import fly_over_ros
-from ca_ros.simulation.closed_loop import fly
-from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes.messages import speeds_message, stamp
 from ca_ros.nodes.topics import STANDING
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.studies.cases import Case
+from ca_ros.studies.dynamic.ros_flight import fly_over_ros
 from ca_ros.testing import Diagnostics, wrench
 
 HOVER = (0.0, 0.0, 9.81, 0.0, 0.0, 0.0)

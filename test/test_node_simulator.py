@@ -16,16 +16,14 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from std_srvs.srv import Trigger
 
-from ca_ros.simulation.plant import Plant, body_of
-from ca_ros.simulation.rigid_body import (
-    NULL_STATE,
-    RigidBody,
-)
-from ca_ros.simulation.settings import PlantSettings
 from ca_ros.nodes import simulator
 from ca_ros.nodes.messages import speeds_message
 from ca_ros.settings import read
+from ca_ros.simulation.plant import Plant, body_of
+from ca_ros.simulation.plant_settings import PlantSettings
+from ca_ros.simulation.rigid_body import RigidBody
 from ca_ros.testing import Diagnostics, counts
+from ca_ros.vehicle.state import NULL_STATE
 from nodes import BODY, STEP, SimulatorClient, host, nanoseconds, published, state_array
 from strategies import EVERY_EFFECT
 

@@ -10,10 +10,8 @@ import pytest
 import yaml
 
 from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
-from ca_ros.studies.cases import Case
 from ca_ros.control.controller import Controller
-from ca_ros.simulation.rigid_body import RigidBody
-from ca_ros.simulation.settings import ControllerSettings
+from ca_ros.control.controller_settings import ControllerSettings
 from ca_ros.nodes.settings import (
     DECLARED,
     AllocatorSettings,
@@ -32,6 +30,8 @@ from ca_ros.settings import (
     renamed,
     table,
 )
+from ca_ros.simulation.rigid_body import RigidBody
+from ca_ros.studies.cases import Case
 from ca_ros.vehicle.files import NoSectionError, find
 from ca_ros.vehicle.settings import MovingVehicleSettings
 from strategies import file_values, settings_of

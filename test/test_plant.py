@@ -9,23 +9,17 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from ca_ros.studies.cases import Case
-from ca_ros.simulation.closed_loop import fly
-from ca_ros.simulation.drag import Drag, Wind
-from ca_ros.vehicle.motor_lag import lagged
-from ca_ros.simulation.plant import Plant, body_of
-from ca_ros.simulation.rigid_body import (
-    ANGULAR_VELOCITY,
-    ATTITUDE,
-    NULL_STATE,
-    POSITION,
-    VELOCITY,
-    RigidBody,
-)
-from ca_ros.simulation.settings import PlantSettings
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.settings import ParameterError, read, table
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.simulation.drag import Drag, Wind
+from ca_ros.simulation.plant import Plant, body_of
+from ca_ros.simulation.plant_settings import PlantSettings
+from ca_ros.simulation.rigid_body import RigidBody
+from ca_ros.studies.cases import Case
 from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.motor_lag import lagged
+from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, POSITION, VELOCITY
 from strategies import EVERY_EFFECT, HEXAROTOR
 
 HOVER = np.full(6, np.sqrt(9.81 / (6 * 2.5e-5)))

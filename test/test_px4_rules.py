@@ -9,14 +9,15 @@ import pytest
 
 from ca_ros import Exact, ParameterError, Vehicle
 from ca_ros.control.controller import Controller
+from ca_ros.control.controller_settings import ControllerSettings
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.kernel_detector import make_detector
-from ca_ros.simulation.plant import body_of
-from ca_ros.simulation.settings import ControllerSettings, PlantSettings
-from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes.settings import Px4Settings
 from ca_ros.problem.audit import accept
 from ca_ros.px4.rules import Rules, topic
+from ca_ros.simulation.plant import body_of
+from ca_ros.simulation.plant_settings import PlantSettings
 from fake_px4 import EXTERNAL1, HOLD, MESSAGES, OFFBOARD, RTL, FakePx4
 
 TIMEOUT = 0.2  # command_timeout of the allocator [s]

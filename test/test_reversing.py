@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from ca_ros import ALLOCATORS, ParameterError, Status, Vehicle, make_allocator
-from ca_ros.studies.cases import Case
-from ca_ros.simulation.closed_loop import fly
-from ca_ros.simulation.rigid_body import ATTITUDE, NULL_STATE, VELOCITY, RigidBody
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes.watchdog import fallback
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.simulation.rigid_body import RigidBody
+from ca_ros.studies.cases import Case
+from ca_ros.vehicle.state import ATTITUDE, NULL_STATE, VELOCITY
 
 ROV = Vehicle.load('rov')
 GOAL = Waypoint.of(1.0, 0.0, 0.0, np.radians(90.0))

@@ -10,18 +10,17 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ca_ros.simulation.drag import Drag
-from ca_ros.simulation.rigid_body import (
+from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
+from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.state import (
     ANGULAR_VELOCITY,
     ATTITUDE,
     NULL_STATE,
     POSITION,
     VELOCITY,
-    RigidBody,
     euler_angles,
     rotation_matrix,
-    velocity_in_body,
 )
-from ca_ros.vehicle.effectiveness import rotor_wrenches
 from strategies import FLEET, HEXAROTOR, build, ring, tilted_axes
 
 LOPSIDED = build(

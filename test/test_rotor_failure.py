@@ -14,14 +14,14 @@ from ca_ros import ALLOCATORS, ParameterError, Status, Vehicle, make_allocator
 from ca_ros.bringup.bringup import main as bringup
 from ca_ros.bringup.flight_options import failure_words
 from ca_ros.bringup.plan import Plan
-from ca_ros.studies.cases import Case
-from ca_ros.studies.dynamic.study import main as dynamic_study
-from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.control.controller import Controller
-from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.audit import audit
+from ca_ros.simulation.closed_loop import Change, fly, waypoint_changes
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.studies.cases import Case
+from ca_ros.studies.dynamic.study import main as dynamic_study
 from ca_ros.testing import Diagnostics, wrench
 from ca_ros.vehicle.files import find
 from nodes import host
@@ -219,7 +219,7 @@ def test_failures_and_waypoints_over_dds_equal_those_offline_to_the_last_bit(
     case, trajectory = case_of('hexarotor'), Trajectory.read(path)
     fly(
         case.controller(), case.allocator('exact'), case.body(), trajectory.first, 1.5,
-        changes=[*case.failing('exact', failures), *trajectory.changes()],
+        changes=[*case.failing('exact', failures), *waypoint_changes(trajectory)],
     ).write_csv(tmp_path / 'offline.csv')
     assert (tmp_path / 'flight.csv').read_bytes() == (tmp_path / 'offline.csv').read_bytes()
 

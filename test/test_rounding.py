@@ -12,8 +12,6 @@ from ca_ros.kernel import AXES_MAX, ROTORS_MAX, load
 from ca_ros.problem import prioritization
 from ca_ros.problem.problem import EXACT_TOLERANCE
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.solver import least_norm_qp
-from ca_ros.solver import lexicographic_lp
 from ca_ros.solver.zonotope import SPANNING_MIN
 from ca_ros.vehicle.validation import ABSURD
 from strategies import build, length, ring
@@ -120,13 +118,13 @@ def test_policies_agree_on_what_is_attainable(n, first, digits, monkeypatch):
 
 SHARED = {
     'least_norm.c': {
-        'STEPS': least_norm_qp.STEPS, 'FLAT': least_norm_qp.SINGULAR_MIN, 'STEEP': least_norm_qp.STEEP,
-        'SOFT': least_norm_qp.SOFT, 'SAME': least_norm_qp.SAME, 'STILL': least_norm_qp.STILL,
-        'ROUNDING': least_norm_qp.IMAGE_ROUNDING, 'CHANGED': least_norm_qp.CHANGED,
-        'EXACT_SUM': least_norm_qp.EXACT_SUM, 'SUM': least_norm_qp.SUM, 'AIM': least_norm_qp.AIM},
+        'STEPS': qp.STEPS, 'FLAT': qp.SINGULAR_MIN, 'STEEP': qp.STEEP,
+        'SOFT': qp.SOFT, 'SAME': qp.SAME, 'STILL': qp.STILL,
+        'ROUNDING': qp.IMAGE_ROUNDING, 'CHANGED': qp.CHANGED,
+        'EXACT_SUM': qp.EXACT_SUM, 'SUM': qp.SUM, 'AIM': qp.AIM},
     'priorities.c': {
-        'ZERO': lexicographic_lp.ZERO, 'SLACK': lexicographic_lp.SLACK, 'STILL': lexicographic_lp.RATE_MIN,
-        'PIVOTS_PER_VARIABLE': lexicographic_lp.PIVOTS_PER_VARIABLE, 'INSIDE': prioritization.INSIDE,
+        'ZERO': lp.ZERO, 'SLACK': lp.SLACK, 'STILL': lp.RATE_MIN,
+        'PIVOTS_PER_VARIABLE': lp.PIVOTS_PER_VARIABLE, 'INSIDE': prioritization.INSIDE,
         'REST': prioritization.REST, 'LAG': prioritization.LAG, 'DOUBT': prioritization.DOUBT,
         'LAG_RATIO': prioritization.LAG_RATIO},
     'exact.c': {'INDEPENDENT': SPANNING_MIN},

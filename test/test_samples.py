@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ca_ros.errors import CaRosError
-from ca_ros.simulation.rigid_body import NULL_STATE
 from ca_ros.nodes.messages import speeds_message, stamp, state_messages
 from ca_ros.nodes.topics import POSE, SPEEDS, VELOCITY
 from ca_ros.process.samples import Samples
+from ca_ros.vehicle.state import NULL_STATE
 
 STEP = 10_000_000
 

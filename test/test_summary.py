@@ -9,15 +9,15 @@ import pytest
 
 from ca_ros import Vehicle
 from ca_ros.bringup import summary
-from ca_ros.bringup.served import served
 from ca_ros.bringup.flight import Flown
+from ca_ros.bringup.served import served
 from ca_ros.bringup.summary import summarize
-from ca_ros.studies.cases import Case
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.simulation.closed_loop import fly
 from ca_ros.simulation.record import Flight
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.control.trajectory import Trajectory
-from ca_ros.control.waypoint import Waypoint
+from ca_ros.studies.cases import Case
 from nodes import GOAL, fly_offline
 from strategies import file_values
 

@@ -12,9 +12,10 @@ import pytest
 import rclpy
 
 from ca_ros import Vehicle, control_allocation_matrix, make_allocator
-from ca_ros.simulation.rigid_body import ANGULAR_VELOCITY, NULL_STATE, POSITION, RigidBody
+from ca_ros.simulation.rigid_body import RigidBody
 from ca_ros.testing import Graph, Lockstep, executable, processes
 from ca_ros.testing.domain import used
+from ca_ros.vehicle.state import ANGULAR_VELOCITY, NULL_STATE, POSITION
 
 PYTHON = sys.executable
 

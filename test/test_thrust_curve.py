@@ -10,12 +10,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from ca_ros import Exact, ParameterError, Vehicle
 from ca_ros.__main__ import main
-from ca_ros.studies.fit_thrust import summary
-from ca_ros.simulation.plant import Plant, body_of
 from ca_ros.nodes.settings import load
+from ca_ros.simulation.plant import Plant, body_of
+from ca_ros.studies.fit_thrust import summary
 from ca_ros.vehicle.files import read
-from ca_ros.vehicle.thrust_curve import ThrustCurve, to_thrust
 from ca_ros.vehicle.formats.thrust_stand import fit, read_stand
+from ca_ros.vehicle.thrust_curve import ThrustCurve, to_thrust
 
 CURVE = 'rotors.thrust_curve.'
 POLYNOMIAL = {CURVE + 'polynomial': [2.0e-5, 1.5e-3, 0.1]}

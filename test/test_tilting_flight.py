@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 
 from ca_ros import ParameterError, TiltLimited, Vehicle, make_allocator
-from ca_ros.studies.cases import Case
-from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.control.controller import Controller
-from ca_ros.vehicle.motor_lag import Servos
-from ca_ros.simulation.plant import Plant, body_of
-from ca_ros.simulation.rigid_body import NULL_STATE, tilt
-from ca_ros.simulation.settings import ControlSettings, PlantSettings
+from ca_ros.control.controller_settings import ControlSettings
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.settings import read
+from ca_ros.simulation.closed_loop import Change, fly
+from ca_ros.simulation.plant import Plant, body_of
+from ca_ros.simulation.plant_settings import PlantSettings
+from ca_ros.studies.cases import Case
 from ca_ros.vehicle import files
+from ca_ros.vehicle.motor_lag import Servos
+from ca_ros.vehicle.state import NULL_STATE, tilt
 
 pytestmark = pytest.mark.slow
 

@@ -12,11 +12,8 @@ from ca_ros import ParameterError, Vehicle
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.bringup.flight_options import failure_words
-from ca_ros.studies.cases import Case
-from ca_ros.firmware.detector import detector_of
-from ca_ros.simulation.closed_loop import fly
-from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.control.trajectory import Trajectory
+from ca_ros.firmware.detector import detector_of
 from ca_ros.nodes.allocator import ProblemAllocatorNode
 from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.controller import ControllerNode
@@ -24,6 +21,9 @@ from ca_ros.nodes.messages import speeds_message, speeds_stamp, wrench_numbers
 from ca_ros.nodes.settings import load
 from ca_ros.nodes.simulator import SimulatorNode
 from ca_ros.settings import flat
+from ca_ros.simulation.closed_loop import fly, waypoint_changes
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.studies.cases import Case
 from ca_ros.testing import wrench
 from nodes import REST, pose_message, velocity_message
 
@@ -79,7 +79,7 @@ def test_flights_over_ros_equal_those_offline_to_the_last_bit(
     case, trajectory = Case.load(name, [*PLANT, *settings]), Trajectory.read(path)
     flight = fly(
         case.controller(), case.allocator('exact'), case.plant(), trajectory.first, duration,
-        changes=[*case.failing('exact', given), *trajectory.changes()])
+        changes=[*case.failing('exact', given), *waypoint_changes(trajectory)])
     flight.write_csv(offline)
     out, err = graph.outlive(process)
     assert 'within bounds' in out, out + err

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ca_ros import ParameterError
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.simulation.closed_loop import fly, waypoint_changes
 from ca_ros.studies.cases import Case
 from ca_ros.studies.dynamic import study
-from ca_ros.simulation.closed_loop import fly
-from ca_ros.control.trajectory import Trajectory
 
 SQUARE = """t,x,y,z,heading
 0,1,0,1,0
@@ -28,7 +28,7 @@ def square(tmp_path):
 def offline(trajectory, duration):
     case = Case.load('hexarotor')
     return fly(case.controller(), case.allocator('exact'), case.body(), trajectory.first, duration,
-               changes=trajectory.changes())
+               changes=waypoint_changes(trajectory))
 
 
 def test_each_waypoint_counts_from_its_time_on(square):

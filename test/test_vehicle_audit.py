@@ -18,9 +18,9 @@ from ca_ros import (
     make_allocator,
 )
 from ca_ros.__main__ import main
-from ca_ros.studies.cases import Case
 from ca_ros.problem.controllability import INDEPENDENCE_MIN
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.studies.cases import Case
 from ca_ros.vehicle.files import config_directory
 from strategies import build, file_values, length, ring
 

@@ -15,11 +15,11 @@ from rclpy.utilities import try_shutdown
 from rclpy.validate_namespace import validate_namespace
 
 from ca_ros.bringup.bag import Bag
+from ca_ros.bringup.flight import EndedEarlyError, Flown, Session
 from ca_ros.bringup.options import parse
 from ca_ros.bringup.plan import Plan
 from ca_ros.bringup.plots import draw_flight
 from ca_ros.bringup.served import Served, served
-from ca_ros.bringup.flight import EndedEarlyError, Flown, Session
 from ca_ros.bringup.summary import summarize
 from ca_ros.errors import CaRosError, message
 from ca_ros.figures import save

@@ -15,16 +15,16 @@ from rclpy.executors import SingleThreadedExecutor
 
 from ca_ros.bringup.agreement import check, combined
 from ca_ros.bringup.bag import Bag
-from ca_ros.nodes.fault_proxy import PREFIX
-from ca_ros.nodes.link_faults import LINK_NAMES
 from ca_ros.bringup.plan import Plan
 from ca_ros.bringup.recorder import Recorder
 from ca_ros.bringup.reports import Reports
 from ca_ros.bringup.scenario import Timeline
 from ca_ros.errors import CaRosError
-from ca_ros.simulation.record import Flight
+from ca_ros.nodes.fault_proxy import PREFIX
+from ca_ros.nodes.link_faults import LINK_NAMES
 from ca_ros.nodes.topics import SPEEDS
 from ca_ros.process.processes import Deadline, Processes
+from ca_ros.simulation.record import Flight
 from ca_ros.vehicle.vehicle import Vehicle
 
 PROGRESS_TIMEOUT = 60.0  # time without progress after which a start or flight is given up [s]

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from ca_ros.arguments import finite, shown
-from ca_ros.simulation.rotor_failures import ANNOUNCE, LATEST, RotorFailure, RotorFailures
 from ca_ros.control.trajectory import COLUMNS, Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.settings import ParameterError
+from ca_ros.simulation.rotor_failures import ANNOUNCE, LATEST, RotorFailure, RotorFailures
 
 POSITION, HEADING = (1.0, 1.0, 1.0), 45.0  # the paper's waypoint [m, degrees]
 

@@ -6,14 +6,13 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from ca_ros.allocation import ALLOCATORS
-from ca_ros.allocation import method_class
+from ca_ros.allocation import ALLOCATORS, method_class
 from ca_ros.arguments import HelpFormatter, positive, renamed, shown
 from ca_ros.bringup.flight_options import add_options, failures_of, trajectory_of
-from ca_ros.nodes.link_faults import FaultSettings
 from ca_ros.bringup.plan import POSITION_TOLERANCE, Plan
 from ca_ros.figures import add_options as add_figure_options
 from ca_ros.nodes.executable import DEFAULT_VEHICLE, split
+from ca_ros.nodes.link_faults import FaultSettings
 from ca_ros.nodes.settings import NodeSettings
 from ca_ros.settings import table
 

@@ -6,15 +6,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ca_ros.arguments import full_name
-from ca_ros.nodes.fault_proxy import remaps
 from ca_ros.commands import HINTS, NODES
-from ca_ros.figures import WIDTHS
-from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.control.trajectory import Trajectory
+from ca_ros.figures import WIDTHS
 from ca_ros.nodes.executable import vehicle_arguments, vehicle_of
+from ca_ros.nodes.fault_proxy import remaps
 from ca_ros.nodes.settings import DECLARED, HealthSettings, MonitorSettings, ViewerSettings
 from ca_ros.nodes.topics import MARKERS
 from ca_ros.settings import ParameterError
+from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.vehicle.files import ParameterFile
 
 POSITION_TOLERANCE = 0.02  # greatest distance from the waypoint at the end of a flight [m]

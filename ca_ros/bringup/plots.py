@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.control.trajectory import Trajectory
 from ca_ros.figures import DASHED, WIDTHS, draw_lines, line, mark, rotor_lines, sheet, style
 from ca_ros.simulation.record import Flight
-from ca_ros.control.trajectory import Trajectory
 from ca_ros.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:

@@ -12,11 +12,10 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.nodes.link_faults import LINK_NAMES
-from ca_ros.errors import CaRosError
-from ca_ros.simulation.record import Flight
 from ca_ros.control.waypoint import Waypoint
+from ca_ros.errors import CaRosError
 from ca_ros.nodes import topics
+from ca_ros.nodes.link_faults import LINK_NAMES
 from ca_ros.nodes.messages import speeds_stamp
 from ca_ros.nodes.settings import DECLARED
 from ca_ros.nodes.topics import STANDING, Topic, offered
@@ -24,6 +23,7 @@ from ca_ros.process.parameters import Call, ParameterClient
 from ca_ros.process.processes import Deadline
 from ca_ros.process.samples import SAMPLED, Samples
 from ca_ros.settings import table
+from ca_ros.simulation.record import Flight
 
 PARAMETERS_MAX = 5.0  # longest wait for a program's parameters, when all else is there [s]
 

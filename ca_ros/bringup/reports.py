@@ -6,9 +6,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from ca_ros.arguments import full_name
-from ca_ros.nodes.link_faults import FAULT_KINDS
 from ca_ros.commands import NODES
 from ca_ros.nodes.diagnostics import OK
+from ca_ros.nodes.link_faults import FAULT_KINDS
 from ca_ros.nodes.messages import nanoseconds
 from ca_ros.nodes.monitor import FOUND
 from ca_ros.nodes.topics import DIAGNOSTICS, offered

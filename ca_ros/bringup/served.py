@@ -10,12 +10,12 @@ from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
 from ca_ros.bringup.flight import Flown
 from ca_ros.control.controller import Controller
-from ca_ros.simulation.rotor_failures import RotorFailures
-from ca_ros.simulation.settings import ControlSettings
+from ca_ros.control.controller_settings import ControlSettings
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.problem.audit import Audit
 from ca_ros.problem.limits import shares
 from ca_ros.settings import ParameterError, read, table
+from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.vehicle.settings import AXES
 
 SERVED = 1e-3

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.bringup.plan import POSITION_TOLERANCE
 from ca_ros.bringup.flight import Flown
-from ca_ros.simulation.record import Flight
-from ca_ros.simulation.rigid_body import difference
-from ca_ros.simulation.rotor_failures import RotorFailures
+from ca_ros.bringup.plan import POSITION_TOLERANCE
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.audit import audit
+from ca_ros.simulation.record import Flight
+from ca_ros.simulation.rotor_failures import RotorFailures
+from ca_ros.vehicle.state import difference
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 
 ANNOUNCED = 1.0  # time in which an announced failure takes effect in real time [s]

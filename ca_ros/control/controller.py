@@ -9,14 +9,14 @@ import numpy as np
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array
+from ca_ros.control.controller_settings import SIDEWAYS, ControllerSettings, ControlSettings
 from ca_ros.control.momentum_observer import RESTART, MomentumObserver
-from ca_ros.simulation.rigid_body import cross, difference, heading, rotation_matrix
-from ca_ros.simulation.settings import SIDEWAYS, ControllerSettings, ControlSettings, triple
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.prioritization import PrioritiesSettings
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError, table
-from ca_ros.vehicle.settings import AXES
+from ca_ros.vehicle.settings import AXES, triple
+from ca_ros.vehicle.state import cross, difference, heading, rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 LIFT_MIN = 0.3  # least vertical force over the weight, lest it turns over to descend

@@ -6,7 +6,7 @@ from operator import le
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.simulation.rigid_body import cross
+from ca_ros.vehicle.state import cross
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 MOTION = 0.05

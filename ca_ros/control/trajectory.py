@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.errors import message
-from ca_ros.simulation.closed_loop import Change
 from ca_ros.control.waypoint import Waypoint
+from ca_ros.errors import message
 from ca_ros.input_files import read_text
 from ca_ros.settings import ParameterError
 
@@ -90,11 +89,6 @@ class Trajectory:
     def at(self, time: int) -> Waypoint:
         """Return the waypoint that counts at a time of flight [ns]."""
         return self.waypoints[int(np.searchsorted(self.times, time, side='right')) - 1]
-
-    def changes(self) -> list[Change]:
-        """Return the changes of a closed loop that begins with the first waypoint."""
-        pairs = zip(self.times[1:], self.waypoints[1:], strict=True)
-        return [Change(time, waypoint=waypoint) for time, waypoint in pairs]
 
     def goals(self, time: Array) -> tuple[Array, Array]:
         """Return the wanted positions (K, 3) [m] and headings (K,) [rad] at times (K,) [s]."""

@@ -9,7 +9,7 @@ from math import cos, sin
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.simulation.rigid_body import heading
+from ca_ros.vehicle.state import heading
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,5 +27,5 @@ class Waypoint:
 
     @cached_property
     def heading(self) -> float:
-        """Heading of the attitude [rad], see `ca_ros.simulation.rigid_body.heading`."""
+        """Heading of the attitude [rad], see `ca_ros.vehicle.state.heading`."""
         return float(heading(self.attitude))

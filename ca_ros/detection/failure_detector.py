@@ -6,15 +6,15 @@ from operator import gt, index
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.detection.motor_model import CommandedRotors
-from ca_ros.detection.hypothesis_test import FailureTest, Finding
 from ca_ros.control.momentum_observer import GAP, RESTART, MomentumObserver
-from ca_ros.simulation.rigid_body import STATE_MAX, rotation_matrix
-from ca_ros.simulation.settings import DetectorSettings
-from ca_ros.detection.speed_residual import SlowRotors
+from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.hypothesis_test import FailureTest, Finding
+from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.detection.noise_estimator import UsualMotion
+from ca_ros.detection.speed_residual import SlowRotors
 from ca_ros.detection.windows import BLOCK, WINDOWS, Windows
 from ca_ros.problem.audit import audit
+from ca_ros.vehicle.state import STATE_MAX, rotation_matrix
 from ca_ros.vehicle.validation import ABSURD
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 

@@ -6,7 +6,7 @@ from math import log
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.simulation.settings import DetectorSettings
+from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.vehicle.servos import Tilts
 
 ANGLES = 101  # angles that are tested of each servo

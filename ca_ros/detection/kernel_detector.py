@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
-from ca_ros.simulation.settings import DetectorSettings
 from ca_ros.kernel import extension
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -3,10 +3,10 @@
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.control.momentum_observer import RESTART
-from ca_ros.simulation.rigid_body import cross
-from ca_ros.simulation.settings import DetectorSettings
+from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.motor_model import CommandedRotors
+from ca_ros.vehicle.state import cross
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 LAGS: Array = np.linspace(0.005, 0.16, 32)  # candidates [s]

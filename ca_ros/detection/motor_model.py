@@ -3,11 +3,11 @@
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.vehicle.motor_lag import Servos, lagged
-from ca_ros.simulation.rigid_body import difference
-from ca_ros.simulation.settings import DetectorSettings
+from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.vehicle.command_bounds import CommandBounds
 from ca_ros.vehicle.effectiveness import rotor_wrenches, thrust_wrenches
+from ca_ros.vehicle.motor_lag import Servos, lagged
+from ca_ros.vehicle.state import difference
 from ca_ros.vehicle.vehicle import Vehicle
 
 COMMANDS_MAX = 1000  # commands that wait to take effect; of more, the oldest are dropped

@@ -5,7 +5,7 @@ from math import expm1
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.simulation.settings import DetectorSettings
+from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.windows import WINDOWS, Windows
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.simulation.settings import DetectorSettings
+from ca_ros.detection.detector_settings import DetectorSettings
 
 CONFIRMATIONS = 3
 """Measurements in a row in which a rotor is too slow before it has failed."""

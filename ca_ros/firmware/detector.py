@@ -7,10 +7,10 @@ import numpy as np
 
 from ca_ros import kernel
 from ca_ros.arrays import Array
-from ca_ros.firmware.firmware import DTYPES
+from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.kernel_detector import KernelDetector, packed
-from ca_ros.simulation.settings import DetectorSettings
+from ca_ros.firmware.firmware import DTYPES
 from ca_ros.settings import ParameterError, check_given, read, table
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.servos import refuse_tilts

@@ -13,13 +13,13 @@ import numpy as np
 from ca_ros import kernel
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.slew import PERIOD_MAX
+from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.firmware import golden, literals, throttles
 from ca_ros.firmware.detector import golden_flight
 from ca_ros.firmware.firmware import DTYPES, LIMIT, Firmware
 from ca_ros.firmware.footprint import instructions, measure
 from ca_ros.firmware.tilting import TiltingFirmware
 from ca_ros.firmware.worst_case import Bounds, Worst
-from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.problem.controllability import unit
 from ca_ros.settings import ParameterError
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ca_ros.allocation.settings import VehicleMethodSettings
 from ca_ros.allocation.sets_backend import VectoredEngine
+from ca_ros.allocation.settings import VehicleMethodSettings
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.firmware.firmware import Firmware

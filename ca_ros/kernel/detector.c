@@ -4,8 +4,8 @@
 
 #include "numbers.h"
 
-/* The constants of ca_ros/flight: failure_detector, failure_test, momentum_observer, slow_rotors,
- * standing, usual_motion, windows. */
+/* The constants of ca_ros/detection: failure_detector, hypothesis_test, noise_estimator,
+ * speed_residual, windows; and of ca_ros/control/momentum_observer. */
 #define BLOCK CA_REAL(0.0095)
 #define CONFIRMATIONS 3
 #define REFINED CA_REAL(0.5)

@@ -14,9 +14,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
-from ca_ros.allocation import ALLOCATORS
-from ca_ros.allocation import Allocation
-from ca_ros.allocation import Status
+from ca_ros.allocation import ALLOCATORS, Allocation, Status
 from ca_ros.allocation.settings import check_other_methods
 from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array

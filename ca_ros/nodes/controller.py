@@ -15,7 +15,6 @@ from std_msgs.msg import Header
 
 from ca_ros.arrays import Array
 from ca_ros.control.controller import Controller
-from ca_ros.simulation.rigid_body import tilt
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.answers import Answers
@@ -30,6 +29,7 @@ from ca_ros.nodes.topics import COMMAND, STANDING
 from ca_ros.nodes.watchdog import CommandWatch
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.settings import AXES
+from ca_ros.vehicle.state import tilt
 
 NOTHING = 1e-9  # size of a component up to which it is left out of a text [N, N m]
 TILT_ERROR = 0.35  # tilt beyond the greatest commanded one that is warned of [rad]

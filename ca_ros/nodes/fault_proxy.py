@@ -11,9 +11,9 @@ from typing import Any
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.nodes.link_faults import FAULTY, FaultSettings, Link, corrupted
 from ca_ros.nodes.diagnostics import OK, WARN, DiagnosticsPublisher, mismatch
 from ca_ros.nodes.executable import run, split
+from ca_ros.nodes.link_faults import FAULTY, FaultSettings, Link, corrupted
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import STEADY
 from ca_ros.nodes.topics import offered

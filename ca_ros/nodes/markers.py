@@ -10,7 +10,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ca_ros.arrays import Array, IntArray
-from ca_ros.simulation.rigid_body import rotation_matrix
+from ca_ros.vehicle.state import rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
 COLORS = {

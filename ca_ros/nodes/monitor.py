@@ -9,9 +9,9 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
+from ca_ros.control.momentum_observer import RESTART
 from ca_ros.detection.kernel_detector import Detector, make_detector
 from ca_ros.detection.lag_check import LagCheck
-from ca_ros.control.momentum_observer import RESTART
 from ca_ros.detection.speed_residual import oldest_measurement
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.belief import Belief

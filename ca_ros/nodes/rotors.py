@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ca_ros.allocation import Allocation
-from ca_ros.allocation import Allocator
+from ca_ros.allocation import Allocation, Allocator
 from ca_ros.allocation.settings import allocator_of
 from ca_ros.allocation.slew import within_rates
 from ca_ros.arrays import Array, IntArray

@@ -12,7 +12,8 @@ from ca_ros.allocation.settings import (
     own_methods,
     with_methods,
 )
-from ca_ros.simulation.settings import ControlSettings, DetectorSettings, PlantSettings
+from ca_ros.control.controller_settings import ControlSettings
+from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.settings import (
     Numbers,
     ParameterError,
@@ -24,6 +25,7 @@ from ca_ros.settings import (
     table,
     with_groups,
 )
+from ca_ros.simulation.plant_settings import PlantSettings
 from ca_ros.vehicle import files
 from ca_ros.vehicle.settings import (
     MovingBodySettings,

@@ -12,14 +12,6 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from ca_ros.arrays import Array
-from ca_ros.simulation.plant import Plant, body_of
-from ca_ros.simulation.rigid_body import (
-    ANGULAR_VELOCITY,
-    ATTITUDE,
-    POSITION,
-    RigidBody,
-    velocity_in_body,
-)
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
@@ -28,7 +20,10 @@ from ca_ros.nodes.settings import SimulatorSettings
 from ca_ros.nodes.stream import STEADY, Streams
 from ca_ros.nodes.topics import LOCKSTEP_DEPTH
 from ca_ros.nodes.watchdog import CommandWatch, fallback
+from ca_ros.simulation.plant import Plant, body_of
+from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
 from ca_ros.vehicle.command_bounds import CommandBounds
+from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, POSITION
 from ca_ros.vehicle.vehicle import Vehicle
 
 STATE_REPEAT = 0.2  # time after which the node publishes an unanswered state again in lockstep [s]

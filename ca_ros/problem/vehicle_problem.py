@@ -14,8 +14,8 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem, component_names
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
 from ca_ros.vehicle.effectiveness import control_allocation_matrix, thrust_wrenches
-from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.servos import FIXED
+from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.errors import CaRosError
-from ca_ros.simulation.record import Flight
 from ca_ros.nodes.messages import pose_arrays, stamp_of, twist_arrays
 from ca_ros.nodes.topics import POSE, SPEEDS, TILTS, VELOCITY
+from ca_ros.simulation.record import Flight
 
 SAMPLED = (POSE, VELOCITY, SPEEDS)  # the topics of a sample; if rotors tilt, also `TILTS`
 

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array
-from ca_ros.simulation.rigid_body import rotation_matrix
 from ca_ros.px4.motor_order import ordered, sound_speeds
 from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.state import rotation_matrix
 from ca_ros.vehicle.thrust_curve import to_thrust
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -10,19 +10,15 @@ from ca_ros.allocation.reconfiguration import Reconfiguration
 from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
 from ca_ros.control.controller import Controller
-from ca_ros.detection.kernel_detector import Detector
-from ca_ros.simulation.plant import Plant
-from ca_ros.simulation.record import Flight, steps
-from ca_ros.simulation.rigid_body import (
-    ANGULAR_VELOCITY,
-    ATTITUDE,
-    POSITION,
-    RigidBody,
-    velocity_in_body,
-)
-from ca_ros.simulation.settings import PlantSettings
+from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
+from ca_ros.detection.kernel_detector import Detector
 from ca_ros.settings import ParameterError
+from ca_ros.simulation.plant import Plant
+from ca_ros.simulation.plant_settings import PlantSettings
+from ca_ros.simulation.record import Flight, steps
+from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
+from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, POSITION
 
 Found = list[tuple[int, Array]]
 """The times [ns] at which the health changed, each with the new health (n,)."""
@@ -50,6 +46,12 @@ class Change:
     announced: tuple[list[float], list[float]] | None = None
     detected: Array | None = None
     reconfigure: Reconfigure | None = None
+
+
+def waypoint_changes(trajectory: Trajectory) -> list[Change]:
+    """Return the changes of a closed loop that begins with the first waypoint."""
+    pairs = zip(trajectory.times[1:], trajectory.waypoints[1:], strict=True)
+    return [Change(time, waypoint=waypoint) for time, waypoint in pairs]
 
 
 class Pilot:

@@ -8,12 +8,14 @@ from math import hypot
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.simulation.drag import Drag, Wind
-from ca_ros.vehicle.motor_lag import Servos, lagged
-from ca_ros.simulation.rigid_body import ANGULAR_VELOCITY, INTEGRATORS, POSITION, VELOCITY, RigidBody
-from ca_ros.simulation.sensors import Sensors, delay_line
-from ca_ros.simulation.settings import PlantSettings, triple
 from ca_ros.settings import ParameterError, repeated
+from ca_ros.simulation.drag import Drag, Wind
+from ca_ros.simulation.plant_settings import PlantSettings
+from ca_ros.simulation.rigid_body import INTEGRATORS, RigidBody
+from ca_ros.simulation.sensors import Sensors, delay_line
+from ca_ros.vehicle.motor_lag import Servos, lagged
+from ca_ros.vehicle.settings import triple
+from ca_ros.vehicle.state import ANGULAR_VELOCITY, POSITION, VELOCITY
 from ca_ros.vehicle.vehicle import Vehicle
 
 MEASURED = ('position', 'velocity', 'attitude', 'angular_velocity')  # as in a state

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.simulation.rigid_body import difference, euler_angles, heading, tilt
 from ca_ros.control.waypoint import Waypoint
+from ca_ros.vehicle.state import difference, euler_angles, heading, tilt
 
 
 def steps(duration: float, time_step: float) -> int:
@@ -38,12 +38,12 @@ class Flight:
 
     @property
     def euler(self) -> Array:
-        """Roll, pitch, yaw (K, 3) [rad], see `ca_ros.simulation.rigid_body.euler_angles`."""
+        """Roll, pitch, yaw (K, 3) [rad], see `ca_ros.vehicle.state.euler_angles`."""
         return euler_angles(self.attitude)
 
     @property
     def heading(self) -> Array:
-        """Heading (K,) [rad], see `ca_ros.simulation.rigid_body.heading`."""
+        """Heading (K,) [rad], see `ca_ros.vehicle.state.heading`."""
         return heading(self.attitude)
 
     @property

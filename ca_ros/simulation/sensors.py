@@ -6,8 +6,8 @@ from math import hypot
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.simulation.rigid_body import ATTITUDE
 from ca_ros.settings import ParameterError
+from ca_ros.vehicle.state import ATTITUDE
 
 
 class Sensors:

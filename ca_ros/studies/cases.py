@@ -9,18 +9,11 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ca_ros.allocation import ALLOCATORS
-from ca_ros.allocation import AllocationProblem
-from ca_ros.allocation import Allocator
+from ca_ros.allocation import ALLOCATORS, AllocationProblem, Allocator
 from ca_ros.allocation.reconfiguration import Reconfiguration
 from ca_ros.allocation.settings import MethodSettings, allocator_of, own_methods, with_methods
-from ca_ros.studies.comparison import FOR_COMPARISON
-from ca_ros.simulation.closed_loop import Believed, Change, Detection, Found
 from ca_ros.control.controller import Controller
 from ca_ros.detection.kernel_detector import Detector, make_detector
-from ca_ros.simulation.plant import Plant, body_of
-from ca_ros.simulation.rigid_body import RigidBody
-from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.nodes.settings import FileSettings, with_own_methods
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.files import read_problem
@@ -36,6 +29,11 @@ from ca_ros.settings import (
     renamed,
     table,
 )
+from ca_ros.simulation.closed_loop import Believed, Change, Detection, Found
+from ca_ros.simulation.plant import Plant, body_of
+from ca_ros.simulation.rigid_body import RigidBody
+from ca_ros.simulation.rotor_failures import RotorFailures
+from ca_ros.studies.comparison import FOR_COMPARISON
 from ca_ros.vehicle import files
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -5,10 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ca_ros.allocation import Allocation
-from ca_ros.allocation import AllocationProblem
-from ca_ros.allocation import Allocator
-from ca_ros.allocation import Status
+from ca_ros.allocation import Allocation, AllocationProblem, Allocator, Status
 from ca_ros.allocation.allocator import Subject
 from ca_ros.allocation.direct import Direct
 from ca_ros.allocation.exact import Exact

@@ -32,8 +32,8 @@ from ca_ros.allocation import method_class
 from ca_ros.allocation.exact import processors
 from ca_ros.arguments import positive
 from ca_ros.errors import CaRosError
-from ca_ros.studies.result_files import versions
 from ca_ros.kernel import chosen
+from ca_ros.studies.result_files import versions
 
 CHUNKS_MAX = 500  # of a study: Dask's cost per chunk, some milliseconds, is small
 ARRIVAL, NEWS = 30.0, 10.0  # wait for a cluster's first worker, time between two lines [s]

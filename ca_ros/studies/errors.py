@@ -5,9 +5,7 @@ from time import perf_counter_ns
 import numpy as np
 import pandas as pd
 
-from ca_ros.allocation import AllocationProblem
-from ca_ros.allocation import Allocator
-from ca_ros.allocation import Status
+from ca_ros.allocation import AllocationProblem, Allocator, Status
 from ca_ros.arrays import Array
 from ca_ros.errors import CaRosError
 from ca_ros.problem.vehicle_problem import VehicleProblem

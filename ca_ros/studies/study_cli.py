@@ -6,13 +6,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from ca_ros.allocation import ALLOCATORS
-from ca_ros.allocation import Allocator
+from ca_ros.allocation import ALLOCATORS, Allocator
 from ca_ros.arguments import HelpFormatter
 from ca_ros.errors import CaRosError, message
+from ca_ros.figures import add_options
 from ca_ros.studies.cases import Case, methods_of
 from ca_ros.studies.comparison import FOR_COMPARISON
-from ca_ros.figures import add_options
 
 
 def parser(prog: str, description: str) -> argparse.ArgumentParser:

@@ -11,10 +11,10 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
 from ca_ros.arrays import Array
-from ca_ros.simulation.record import Flight
 from ca_ros.nodes.messages import nanoseconds, stamp, wrench_message, wrench_numbers
 from ca_ros.nodes.topics import POSE, TILTS, VELOCITY, WRENCH, offered
 from ca_ros.process.samples import SAMPLED, Samples
+from ca_ros.simulation.record import Flight
 from ca_ros.testing.graph import Graph
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -5,7 +5,7 @@ from math import expm1
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.simulation.rigid_body import difference
+from ca_ros.vehicle.state import difference
 from ca_ros.vehicle.vehicle import Vehicle
 
 

@@ -5,16 +5,20 @@ from typing import Literal
 
 import numpy as np
 
+from ca_ros.arrays import Array
 from ca_ros.settings import (
     MissingParameterError,
     Numbers,
     ParameterError,
     Settings,
     Words,
+    repeated,
     setting,
 )
 
 AXES = ('force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw')
+
+XYZ = (1, 3)  # sizes of a setting that is given once, or for x, y, z
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,3 +196,7 @@ class MovingVehicleSettings(VehicleSettings):
     """What a controller needs of a vehicle."""
 
     vehicle: MovingBodySettings
+
+def triple(value: Numbers) -> Array:
+    """Return a setting that is given once or for x, y, z as an array (3,)."""
+    return repeated('x, y, z', value, 3)

@@ -24,6 +24,7 @@ from ca_ros.settings import (
 )
 from ca_ros.vehicle import files
 from ca_ros.vehicle.geometry import rotor_axes, rotor_positions
+from ca_ros.vehicle.servos import Tilts, tilts_of
 from ca_ros.vehicle.settings import (
     AXES,
     AxesSettings,
@@ -34,7 +35,6 @@ from ca_ros.vehicle.settings import (
     VehicleSettings,
 )
 from ca_ros.vehicle.thrust_curve import ThrustCurve, rotor_speeds
-from ca_ros.vehicle.servos import Tilts, tilts_of
 from ca_ros.vehicle.validation import inertia_matrix, ordered_bounds
 
 EFFECTORS_MAX = 1000  # greatest number of rotors; more would need hours to list what they can do

@@ -15,13 +15,13 @@ from pages import DOCS, both_masses, fill, spread
 
 from ca_ros import AdmissibleSet
 from ca_ros.allocation import ALLOCATORS
+from ca_ros.figures import save, sheet, style
 from ca_ros.studies.cases import Case
 from ca_ros.studies.dynamic.manoeuvres import MANOEUVRES, fly_seeds
 from ca_ros.studies.plot_style import title
 from ca_ros.studies.tables import table
 from ca_ros.studies.wrench_metrics import NOTED, metrics
 from ca_ros.studies.wrench_sets import samples
-from ca_ros.figures import save, sheet, style
 
 AIRMODE = 'allocation.sequential_desaturation.airmode:=roll_pitch'
 

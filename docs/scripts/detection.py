@@ -9,16 +9,16 @@ from time import process_time
 import numpy as np
 from pages import distance, fill, flown, keep, shipped, trajectory
 
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
+from ca_ros.simulation.closed_loop import Change, Detection, waypoint_changes
+from ca_ros.simulation.plant import Plant
+from ca_ros.simulation.rigid_body import RigidBody
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.studies.cases import Case
 from ca_ros.studies.dynamic.animation import animate
 from ca_ros.studies.dynamic.metrics import Flights, sample_errors
 from ca_ros.studies.tables import table
-from ca_ros.simulation.closed_loop import Change, Detection
-from ca_ros.simulation.plant import Plant
-from ca_ros.simulation.rigid_body import RigidBody
-from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.control.trajectory import Trajectory
-from ca_ros.control.waypoint import Waypoint
 from ca_ros.vehicle.files import read
 
 LONGER = {'y6': 24.0, 'quadrotor': 1.0}
@@ -52,7 +52,7 @@ def row(vehicle, manoeuvre, rotor):
     for how, announce in (('announced', 0.1), ('detected', None)):
         failures = RotorFailures((RotorFailure(rotor + 1, at),), announce)
         detection = None if announce else case.detection('exact')
-        changes = [*goals.changes(), *case.failing('exact', failures)]
+        changes = [*waypoint_changes(goals), *case.failing('exact', failures)]
         flight = flown(case, goals.first, end, changes=changes, detection=detection)
         # The last second: a hundred samples.  It holds the place where it was bound for.
         outcome[how] = flight is not None and distance(flight, goals.last, end - 0.995) < 0.5
@@ -266,7 +266,7 @@ def eventless(vehicle, seed, options, duration=60.0):
     detection = Faulty(rng, *parts) if faulty else Detection(*parts)
     flight = flown(
         case, goals.first, duration, plant=Weather(case.body(), case.flown.simulator),
-        changes=[*goals.changes(), Change(taken_up, body=loaded)], detection=detection)
+        changes=[*waypoint_changes(goals), Change(taken_up, body=loaded)], detection=detection)
     found = [(time / 1e9, health.round(2).tolist()) for time, health in detection.found]
     return None if flight is None else found
 

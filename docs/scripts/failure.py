@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from pages import distance, fill, flown, shipped
 
-from ca_ros.studies.cases import Case
-from ca_ros.studies.tables import table
-from ca_ros.simulation.closed_loop import Change
-from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.audit import audit
+from ca_ros.simulation.closed_loop import Change
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.studies.cases import Case
+from ca_ros.studies.tables import table
 from ca_ros.vehicle.failures import with_failures
 
 START, GOAL = Waypoint.of(0.0, 0.0, 0.0, 0.0), Waypoint.of(1.2, 1.2, 1.06, 0.0)

@@ -22,7 +22,7 @@ from pages import DOCS, fill, telling
 
 import ca_ros
 from ca_ros.arrays import Array
-from ca_ros.studies.wrench_sets import gauge, near_boundary
+from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.firmware import golden
 from ca_ros.firmware.command import checked
 from ca_ros.firmware.detector import STATES
@@ -30,10 +30,10 @@ from ca_ros.firmware.export import write, write_detector
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.tilting import firmware_of
-from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.studies.wrench_sets import gauge, near_boundary
 from ca_ros.vehicle.files import read
 from ca_ros.vehicle.vehicle import Vehicle
 

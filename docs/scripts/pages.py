@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
+from ca_ros.simulation.closed_loop import fly
+from ca_ros.simulation.record import Flight
 from ca_ros.studies.cases import Case
 from ca_ros.studies.engine import compute
 from ca_ros.studies.tables import table
-from ca_ros.simulation.closed_loop import fly
-from ca_ros.simulation.record import Flight
-from ca_ros.control.trajectory import Trajectory
-from ca_ros.control.waypoint import Waypoint
 from ca_ros.vehicle.files import shipped_vehicles
 from ca_ros.vehicle.vehicle import Vehicle
 

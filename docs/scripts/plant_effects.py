@@ -7,10 +7,10 @@ from itertools import product
 import numpy as np
 from pages import distance, fill, flown, shipped, spread, telling
 
+from ca_ros.control.waypoint import Waypoint
+from ca_ros.simulation.record import Flight
 from ca_ros.studies.cases import Case
 from ca_ros.studies.tables import table
-from ca_ros.simulation.record import Flight
-from ca_ros.control.waypoint import Waypoint
 
 GOAL = Waypoint.of(1.0, 1.0, 1.0, np.pi / 4)  # the waypoint of the paper's flight
 

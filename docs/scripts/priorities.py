@@ -12,13 +12,12 @@ import pandas as pd
 from pages import DOCS, both_masses, fill, shipped, telling
 
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix
-from ca_ros.allocation import Allocation
-from ca_ros.allocation import Allocator
+from ca_ros.allocation import Allocation, Allocator
 from ca_ros.arrays import Array
+from ca_ros.problem.prioritization import THRUST_DEVIATIONS
 from ca_ros.studies.dynamic.manoeuvres import Counter, Manoeuvre, flown, goal, upset
 from ca_ros.studies.tables import table
-from ca_ros.simulation.rigid_body import NULL_STATE
-from ca_ros.problem.prioritization import THRUST_DEVIATIONS
+from ca_ros.vehicle.state import NULL_STATE
 
 ROWS = DOCS.parent / 'test' / 'px4_desaturation.csv'
 

@@ -19,18 +19,19 @@ from scipy.optimize import minimize
 
 from ca_ros import AdmissibleSet, Sector, Vehicle, make_allocator
 from ca_ros.allocation.tilt_rates import TiltLimited
-from ca_ros.studies.cases import Case
-from ca_ros.studies.tables import table
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.figures import COLORS, style
 from ca_ros.firmware import literals
 from ca_ros.firmware.command import checked
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.tilting import firmware_of
-from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.control.trajectory import Trajectory
-from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
+from ca_ros.simulation.closed_loop import waypoint_changes
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.studies.cases import Case
+from ca_ros.studies.tables import table
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.files import read, shipped_tilting
 from ca_ros.vehicle.settings import AXES
@@ -116,7 +117,7 @@ def flights_table() -> str:
     for name, words, goals, broken in FLIGHTS:
         case = Case.load(name, ['controller.attitude:=pose'] * (goals is ROLL))
         failures = RotorFailures(tuple(map(RotorFailure.parse, broken)), 0.1)
-        changes = [*case.failing('exact', failures), *goals.changes()]
+        changes = [*case.failing('exact', failures), *waypoint_changes(goals)]
         flight = flown(case, goals.first, 10.0, changes=changes)
         rows.append((
             f'`{name}`', words, f'{1e3 * distance(flight, goals.last, 9.0):.1f}',

@@ -4,15 +4,8 @@ import mujoco
 import numpy as np
 
 from ca_ros import ParameterError, Vehicle
-from ca_ros.simulation.rigid_body import (
-    ANGULAR_VELOCITY,
-    ATTITUDE,
-    CALM,
-    POSITION,
-    VELOCITY,
-    RigidBody,
-    rotation_matrix,
-)
+from ca_ros.simulation.rigid_body import CALM, RigidBody
+from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, POSITION, VELOCITY, rotation_matrix
 
 MJCF = """
 <mujoco>

@@ -22,12 +22,13 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ParameterError, Vehicle
-from ca_ros.simulation.plant import Plant, body_of
-from ca_ros.simulation.rigid_body import ANGULAR_VELOCITY, ATTITUDE, POSITION, velocity_in_body
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.settings import SimulatorSettings
 from ca_ros.nodes.topics import offered, requested
 from ca_ros.settings import REQUIRED, flat, read, table
+from ca_ros.simulation.plant import Plant, body_of
+from ca_ros.simulation.rigid_body import velocity_in_body
+from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, POSITION
 
 UNUSED = {
     'command_timeout', 'timeout_action', 'simulator.integrator', 'simulator.real_time_factor',

@@ -13,11 +13,11 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
-from ca_ros.studies.dynamic.metrics import Flights
-from ca_ros.studies.plot_style import title
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.figures import COLORS, DASHED, style
 from ca_ros.simulation.record import Flight
-from ca_ros.control.waypoint import Waypoint
+from ca_ros.studies.dynamic.metrics import Flights
+from ca_ros.studies.plot_style import title
 from ca_ros.vehicle.vehicle import Vehicle
 
 FRAMES_PER_SECOND = 12.5  # GIF files store the duration of a frame in hundredths of a second

@@ -13,20 +13,19 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ca_ros.allocation import Allocation
-from ca_ros.allocation import Allocator
+from ca_ros.allocation import Allocation, Allocator
 from ca_ros.allocation.slew import within_rates
 from ca_ros.arrays import Array
+from ca_ros.control.controller import Controller
+from ca_ros.control.trajectory import Trajectory
+from ca_ros.control.waypoint import Waypoint
+from ca_ros.simulation.closed_loop import Change, fly, waypoint_changes
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.studies.cases import Case
 from ca_ros.studies.dynamic.metrics import RECOVERED, changes_of, height_lost
 from ca_ros.studies.tables import table
 from ca_ros.studies.wrench_metrics import energy
-from ca_ros.simulation.closed_loop import Change, fly
-from ca_ros.control.controller import Controller
-from ca_ros.simulation.rigid_body import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY, difference
-from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.control.trajectory import Trajectory
-from ca_ros.control.waypoint import Waypoint
+from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, VELOCITY, difference
 
 DURATION, SLALOM_DURATION = 8.0, 12.0  # of the flights [s]
 ANNOUNCE = 0.1  # delay from the loss of a rotor to its announcement [s]
@@ -76,7 +75,7 @@ class Manoeuvre(NamedTuple):
     def changes(self, case: Case, method: str) -> list[Change]:
         """Return what changes on the way."""
         failing = case.failing(method, RotorFailures(self.failures, ANNOUNCE))
-        return [*self.goals.changes(), *(
+        return [*waypoint_changes(self.goals), *(
             replace(each, reconfigure=each.reconfigure and partial(
                 each.reconfigure, changed=unlimited)) for each in failing
         )]

@@ -9,18 +9,18 @@ import pandas as pd
 
 from ca_ros.allocation import Powerless
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.studies.errors import FORCES
-from ca_ros.studies.wrench_metrics import energy
-from ca_ros.simulation.closed_loop import Change, Pilot
 from ca_ros.control.controller import Controller
-from ca_ros.simulation.record import Flight
-from ca_ros.simulation.rigid_body import difference
-from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.simulation.closed_loop import Change, Pilot
+from ca_ros.simulation.record import Flight
+from ca_ros.simulation.rotor_failures import RotorFailures
+from ca_ros.studies.errors import FORCES
+from ca_ros.studies.wrench_metrics import energy
 from ca_ros.vehicle.effectiveness import control_allocation_matrix, rotor_wrenches
 from ca_ros.vehicle.settings import AXES
+from ca_ros.vehicle.state import difference
 from ca_ros.vehicle.vehicle import Vehicle
 
 STEADY = 1.0  # the last second of a flight counts as the steady state [s]

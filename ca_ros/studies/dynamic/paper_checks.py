@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ca_ros.allocation.exact import Exact
+from ca_ros.control.waypoint import Waypoint
+from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.simulation.record import Flight
 from ca_ros.studies.cases import PAPER
 from ca_ros.studies.dynamic.metrics import TURNING, at_bounds, heading_rate, steady
 from ca_ros.studies.tables import number
-from ca_ros.simulation.record import Flight
-from ca_ros.control.waypoint import Waypoint
-from ca_ros.problem.vehicle_problem import VehicleProblem
 
 HEIGHT_ERROR = 1e-3
 """A smaller height error in steady state counts as zero [m].

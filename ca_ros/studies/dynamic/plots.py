@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ca_ros import figures
 from ca_ros.arrays import Array
+from ca_ros.simulation.record import Flight
 from ca_ros.studies.dynamic.metrics import STEADY, Flights, steady
 from ca_ros.studies.errors import FORCES
 from ca_ros.studies.plot_style import (
@@ -23,7 +24,6 @@ from ca_ros.studies.plot_style import (
     panel_titles,
     styles,
 )  # fmt: skip
-from ca_ros.simulation.record import Flight
 from ca_ros.vehicle.settings import AXES
 
 ALIKE = 0.01

@@ -12,12 +12,12 @@ import yaml
 
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.errors import CaRosError
-from ca_ros.studies.cases import Case
-from ca_ros.studies.comparison import FOR_COMPARISON
-from ca_ros.simulation.record import Flight
 from ca_ros.nodes.settings import FileSettings, with_own_methods
 from ca_ros.process.processes import end, start
 from ca_ros.settings import table
+from ca_ros.simulation.record import Flight
+from ca_ros.studies.cases import Case
+from ca_ros.studies.comparison import FOR_COMPARISON
 
 ENDING = 30.0  # time that an interrupted flight has to end [s]
 

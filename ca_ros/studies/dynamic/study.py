@@ -17,6 +17,11 @@ from ca_ros.bringup.flight_options import (
     trajectory_of,
     trajectory_words,
 )
+from ca_ros.problem.audit import audit
+from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.settings import ParameterError
+from ca_ros.simulation.closed_loop import Change, Found, fly, replay, waypoint_changes
+from ca_ros.simulation.record import Flight
 from ca_ros.studies.cases import Case
 from ca_ros.studies.dynamic.animation import animate
 from ca_ros.studies.dynamic.manoeuvres import MANOEUVRES, fly_seeds, summary
@@ -29,12 +34,7 @@ from ca_ros.studies.paper import flown_as_in_the_paper
 from ca_ros.studies.result_files import facts, write
 from ca_ros.studies.study_cli import case_of, concluded, parser
 from ca_ros.studies.tables import render
-from ca_ros.simulation.closed_loop import Change, Found, fly, replay
-from ca_ros.simulation.record import Flight
-from ca_ros.simulation.rigid_body import NULL_STATE
-from ca_ros.problem.audit import audit
-from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.settings import ParameterError
+from ca_ros.vehicle.state import NULL_STATE
 
 FOR_MANOEUVRES = {'vehicle', 'methods', 'param', 'out', 'tables', 'manoeuvres', 'seeds'}
 """The options that count with ``--manoeuvres``."""
@@ -59,7 +59,7 @@ def _study(options: argparse.Namespace) -> None:
     failures = failures_of(options)
     failures.check(case.vehicle)
     options.goals = goals = trajectory_of(options)
-    changes = {name: [*case.failing(name, failures), *goals.changes()] for name in allocators}
+    changes = {name: [*case.failing(name, failures), *waypoint_changes(goals)] for name in allocators}
     if options.ros:
         check(list(allocators))
     if options.detect and failures.failures and failures.announce is not None:

@@ -14,7 +14,6 @@ from matplotlib.patches import Patch
 from ca_ros.arguments import HelpFormatter, split
 from ca_ros.arrays import Array
 from ca_ros.errors import message
-from ca_ros.studies.sets.sections import fixed, labels, units
 from ca_ros.figures import COLORS, INCH, WIDTHS, add_options, save, sheet, style
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.files import read_problem
@@ -22,6 +21,7 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.solver.polytope import Polytope
+from ca_ros.studies.sets.sections import fixed, labels, units
 from ca_ros.vehicle.failures import in_words, read_failures, with_failures
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -6,7 +6,7 @@ from itertools import zip_longest
 
 import numpy as np
 
-from ca_ros.simulation.settings import ControlSettings
+from ca_ros.control.controller_settings import ControlSettings
 from ca_ros.nodes.settings import AllocatorSettings, load_for
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.controllability import lift, unit

@@ -9,10 +9,10 @@ from typing import Any
 import pandas as pd
 
 from ca_ros.allocation import Allocator
+from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.studies.cases import Case
 from ca_ros.studies.errors import ERRORS, evaluate
 from ca_ros.studies.wrench_sets import samples
-from ca_ros.problem.admissible_set import AdmissibleSet
 
 Summary = dict[str, Any]
 

@@ -13,13 +13,13 @@ from matplotlib.path import Path as Polygon
 from matplotlib.ticker import MaxNLocator
 
 from ca_ros.allocation import Allocator
+from ca_ros.figures import COLORS, WIDTHS, across, inches, label_decades, save, sheet, style
+from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.studies.errors import ERRORS, VIOLATION, columns
 from ca_ros.studies.plot_style import entries_of, styles, title
 from ca_ros.studies.sets.sections import sections
 from ca_ros.studies.static.slices import OUTLINE, draw_slices
 from ca_ros.studies.wrench_sets import gauge
-from ca_ros.figures import COLORS, WIDTHS, across, inches, label_decades, save, sheet, style
-from ca_ros.problem.admissible_set import AdmissibleSet
 
 SHOWN = 10_000  # number of samples, the first ones, whose errors and violations are drawn
 ERROR_MIN = 1e-18  # smaller errors, zero among them, are drawn here [N, N m]

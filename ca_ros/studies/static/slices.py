@@ -12,11 +12,11 @@ from matplotlib.lines import Line2D
 
 from ca_ros.allocation import Allocator
 from ca_ros.arrays import Array
+from ca_ros.figures import COLORS, across, inches, letters, sheet
+from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.studies.errors import evaluate
 from ca_ros.studies.plot_style import PANELS_MAX, panel_titles
 from ca_ros.studies.sets.sections import Section, sections
-from ca_ros.figures import COLORS, across, inches, letters, sheet
-from ca_ros.problem.admissible_set import AdmissibleSet
 
 COMMANDS = 13  # number of commands along each axis of a section
 

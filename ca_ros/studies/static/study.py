@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ca_ros.allocation import AllocationProblem
-from ca_ros.allocation import Allocator
+from ca_ros.allocation import AllocationProblem, Allocator
 from ca_ros.arguments import positive, split
+from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.studies.cases import Case
 from ca_ros.studies.engine import add_options, chunk_size, compute
 from ca_ros.studies.errors import ERRORS, columns
@@ -23,7 +23,6 @@ from ca_ros.studies.static.tables import document, standard_error
 from ca_ros.studies.study_cli import case_of, concluded, natural, parser
 from ca_ros.studies.wrench_metrics import metrics
 from ca_ros.studies.wrench_sets import SAMPLINGS
-from ca_ros.problem.admissible_set import AdmissibleSet
 
 SINGLE_MAX = 10_000  # up to this number of samples each call is timed; of more samples, each batch
 
