@@ -224,9 +224,9 @@ def test_nothing_flies_on_when_bringup_is_killed(graph, tmp_path):
 def test_a_node_that_cannot_start_ends_it(graph, tmp_path):
     # Each start may take its time here.
     patient = (
-        'from ca_ros.bringup import bringup, session; session.Processes.STARTING = 1e6; '
-        'session.Processes.ATTEMPTS = 2; '
-        'session.PROGRESS_TIMEOUT = session.NOTICE = 1e6; '
+        'from ca_ros.bringup import bringup, flight; flight.Processes.STARTING = 1e6; '
+        'flight.Processes.ATTEMPTS = 2; '
+        'flight.PROGRESS_TIMEOUT = flight.NOTICE = 1e6; '
         'raise SystemExit(bringup.main())')
     flight = graph.start(
         sys.executable, '-c', patient,

@@ -12,6 +12,8 @@ from ca_ros.kernel import AXES_MAX, ROTORS_MAX, load
 from ca_ros.problem import prioritization
 from ca_ros.problem.problem import EXACT_TOLERANCE
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.solver import least_norm_qp as qp
+from ca_ros.solver import lexicographic_lp as lp
 from ca_ros.solver.zonotope import SPANNING_MIN
 from ca_ros.vehicle.validation import ABSURD
 from strategies import build, length, ring

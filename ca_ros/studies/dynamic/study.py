@@ -59,7 +59,8 @@ def _study(options: argparse.Namespace) -> None:
     failures = failures_of(options)
     failures.check(case.vehicle)
     options.goals = goals = trajectory_of(options)
-    changes = {name: [*case.failing(name, failures), *waypoint_changes(goals)] for name in allocators}
+    changes = {
+        name: [*case.failing(name, failures), *waypoint_changes(goals)] for name in allocators}
     if options.ros:
         check(list(allocators))
     if options.detect and failures.failures and failures.announce is not None:
