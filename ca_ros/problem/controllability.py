@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -24,6 +25,8 @@ At 0.05 a command along the axis takes twenty times the thrusts that it would ta
 SIDE_FORCE_MIN = 1e-6  # least force that counts, as a share of the weight
 
 DEPENDENT = 1e-6  # singular value below which a pseudo-inverse has too few digits
+
+Axes = tuple[str, ...]
 
 
 def lift(vehicle: Vehicle) -> tuple[float, float]:
@@ -55,16 +58,24 @@ def unit_rows(problem: AllocationProblem) -> Array:
 
 def independence(rows: Array) -> Array:
     """Return the distance (m,) of each of the `unit_rows` (m, n) from the span of the others."""
-    left, singular, _ = np.linalg.svd(rows, full_matrices=False)
-    if rows.shape[0] <= rows.shape[1] and singular[-1] > DEPENDENT:
-        # The columns of the pseudo-inverse have the inverse of the distance as length.
-        return 1.0 / np.linalg.norm(left / singular, axis=1)
+    found = _distances(rows)
+    if found is not None:
+        return found
     distances = []
     for i, row in enumerate(rows):
         others = np.delete(rows, i, axis=0).T
         rest = row - others @ np.linalg.lstsq(others, row, rcond=1e-12)[0]
         distances.append(np.linalg.norm(rest))
     return np.array(distances)
+
+
+def _distances(rows: Array) -> Array | None:
+    """Return the same; None if the least is below `DEPENDENT` and needs more care."""
+    left, singular, _ = np.linalg.svd(rows, full_matrices=False)
+    if rows.shape[0] > rows.shape[1] or singular[-1] <= DEPENDENT:
+        return None
+    # The columns of the pseudo-inverse have the inverse of the distance as length.
+    return np.asarray(1.0 / np.linalg.norm(left / singular, axis=1), float)
 
 
 def hover_margin(problem: VehicleProblem) -> float:
@@ -76,38 +87,40 @@ def hover_margin(problem: VehicleProblem) -> float:
 
 def independent_part(problem: VehicleProblem) -> VehicleProblem:
     """Return the problem without the axes that the rotors cannot control independently."""
+    rows = dict(zip(problem.axes, unit_rows(problem), strict=True))
 
-    def independent(part: VehicleProblem) -> bool:
-        return part.has_volume and bool(independence(unit_rows(part)).min() >= INDEPENDENCE_MIN)
+    def independent(axes: Axes) -> bool:
+        distances = _distances(np.array([rows[axis] for axis in axes]))
+        return distances is not None and bool(distances.min() >= INDEPENDENCE_MIN)
 
-    return _give_up(problem, independent)
+    axes = _give_up(problem.axes, independent)
+    return problem if axes == problem.axes else problem.part(axes)
 
 
 def hovering_part(problem: VehicleProblem) -> VehicleProblem:
     """Return the problem without axes that prevent hover; unchanged if no choice allows hover."""
-    lifts = 'thrust' not in problem.axes or problem.hovers or problem.with_axes(['thrust']).hovers
-    if not lifts:
-        # No choice of axes lifts what the thrust alone does not.
+
+    @cache
+    def part(axes: Axes) -> VehicleProblem:
+        return problem if axes == problem.axes else problem.part(axes)
+
+    # No choice of axes lifts what the thrust alone does not.
+    if problem.hovers or ('thrust' in problem.axes and not part(('thrust',)).hovers):
         return problem
-    part = _give_up(problem, lambda part: part.hovers)
-    return part if part.hovers else problem
+    found = part(_give_up(problem.axes, lambda axes: part(axes).hovers))
+    return found if found.hovers else problem
 
 
-def _give_up(problem: VehicleProblem, good: Callable[[VehicleProblem], bool]) -> VehicleProblem:
-    """Remove axes until the problem is good; prefer an axis whose removal suffices."""
-    while not good(problem):
-        candidates = [axis for axis in EXPENDABLE if axis in problem.axes]
-        if not candidates or len(problem.axes) == 1:
+def _give_up(axes: Axes, good: Callable[[Axes], bool]) -> Axes:
+    """Remove axes until the rest is good; prefer an axis whose removal suffices."""
+    while not good(axes):
+        candidates = [axis for axis in EXPENDABLE if axis in axes]
+        if not candidates or len(axes) == 1:
             break
-        parts = [_without(problem, candidates[0])]
-        while not good(parts[-1]) and len(parts) < len(candidates):
-            parts.append(_without(problem, candidates[len(parts)]))
-        problem = parts[-1] if good(parts[-1]) else parts[0]
-    return problem
-
-
-def _without(problem: VehicleProblem, lost: str) -> VehicleProblem:
-    return problem.with_axes([axis for axis in problem.axes if axis != lost])
+        parts = (tuple(axis for axis in axes if axis != lost) for lost in candidates)
+        first = next(parts)
+        axes = first if good(first) else next(filter(good, parts), first)
+    return axes
 
 
 def spin_torque(full: VehicleProblem, controllable: VehicleProblem) -> float:
@@ -115,7 +128,7 @@ def spin_torque(full: VehicleProblem, controllable: VehicleProblem) -> float:
     if 'yaw' in controllable.axes or 'yaw' not in full.axes:
         return 0.0
     axes = tuple(axis for axis in full.axes if axis in (*controllable.axes, 'yaw'))
-    with_yaw = VehicleProblem(replace(full.vehicle, axes=axes))
+    with_yaw = full.part(axes)
     place = axes.index('yaw')
     if with_yaw.has_volume:
         rows = [row for row in range(len(axes)) if row != place]

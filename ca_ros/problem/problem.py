@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from functools import cached_property
 from math import comb, hypot
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +25,9 @@ from ca_ros.vehicle.vehicle import EFFECTORS_MAX
 EXACT_TOLERANCE = 1e-12  # residual of an exact allocation, relative to max(1, |u|)
 
 UNITS_MIN = 1e-6  # least range of an axis, also over the greatest, to judge errors
-REFERENCE_ROUNDING = 1e-12  # share of the range from which a reference is inside
+INSIDE = 1.001  # share of the way to the reference whose thrusts show that it is inside
+
+Part = TypeVar('Part', bound='AllocationProblem')
 
 
 def lengths(vectors: Array) -> Array:
@@ -89,6 +92,8 @@ class AllocationProblem:
 
     unit = ''
     """The unit of the effectors in messages, after a space."""
+    reference_rounding: ClassVar[float] = 1e-12
+    """Share of the way to the reference that it has to be away from the boundary to be inside."""
     axis_units: tuple[str, ...] = ()
     advice = ''
     """What the error of a set without volume recommends."""
@@ -173,6 +178,18 @@ class AllocationProblem:
         other._fill(self.gamma, lower, upper, self.reference)
         return other
 
+    def part(self: Part, axes: Sequence[str]) -> Part:
+        """Return the problem of some of its axes, for the same effectors."""
+        rows, made = [self.axes.index(axis) for axis in axes], copy(self)
+        for name in [*vars(made)]:
+            if isinstance(getattr(type(self), name, None), cached_property):
+                delattr(made, name)
+        made.axes, made._shape = tuple(axes), (len(rows),)
+        made.axis_units = tuple(self.axis_units[row] for row in rows if self.axis_units)
+        for name in 'gamma', 'reference', 'center', 'extent':
+            setattr(made, name, constant(getattr(self, name)[rows]))
+        return made
+
     @cached_property
     def simplex(self) -> Simplex:
         """The simplex method with thrusts and axes, relative to their middles and half ranges.
@@ -203,16 +220,22 @@ class AllocationProblem:
     @cached_property
     def reference_inside(self) -> bool:
         """Whether the reference is inside the admissible set, not on its boundary."""
-        if self._decomposition is None:
+        begin = self.gamma @ self.middle
+        way = self.reference - begin
+        beyond = 1.0 + self.reference_rounding
+        # Most references are inside or outside by far, which is cheaper to see.
+        outside = np.abs(begin + beyond * way - self.center) >= self.extent
+        if outside.any() or self._decomposition is None:
             return False
         # The least shares of the half ranges that give the reference.  Singular values are greater
         # than 1e-9, so rounding changes the shares by less than 1e-3.
         left, singular, right = self._decomposition
-        shares = (self.scaled(self.reference) @ left / singular) @ right
-        if np.abs(shares).max() < 0.999:
+        sizes = np.abs(self.gamma * self.half_range).sum(axis=1)
+        shares = (way / sizes @ left / singular) @ right
+        thrusts = self.middle + INSIDE * self.half_range * shares
+        if (self.clip(thrusts) == thrusts).all():
             return True
-        way = self.reference - self.center
-        return self.reach(self.center, way, 2.0) > 1.0 + REFERENCE_ROUNDING
+        return self.reach(begin, way, 2.0) > beyond
 
     @property
     def n(self) -> int:

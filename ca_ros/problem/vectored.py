@@ -18,10 +18,6 @@ from ca_ros.settings import Numbers, repeated
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
 from ca_ros.solver.least_norm_over_sets import SetsNewton
 
-INSIDE_MIN = 1e-9
-"""Least share of the way from the middle of the set beyond the reference, if that is inside."""
-
-
 SHAPES = {'interval': 1, 'sector': 2, 'cone': 3, 'disc': 2}  # sets in a file, with components
 
 
@@ -42,6 +38,7 @@ class VectoredProblem(AllocationProblem):
     - `lower`, `upper` (n,): attributes: the least box around the sets
     """
 
+    reference_rounding = 1e-9
     sets: ConvexSets
     by_rate: BoolArray
     """Whether rates limit the length, or the tilt, of the components' vectors (n,)."""
@@ -132,13 +129,6 @@ class VectoredProblem(AllocationProblem):
 
     def reach(self, start: Array, direction: Array, limit: float = np.inf) -> float:
         return self.least_norm.line(start, direction, limit).length
-
-    @cached_property
-    def reference_inside(self) -> bool:
-        if not self.has_volume:
-            return False
-        begin = self.gamma @ self.middle
-        return self.reach(begin, self.reference - begin, 2.0) > 1.0 + INSIDE_MIN
 
     @property
     def simplex(self) -> NoReturn:  # type: ignore[override]

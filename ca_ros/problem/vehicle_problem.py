@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from math import atan2, cos, hypot, pi, sin
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from ca_ros.vehicle.effectiveness import control_allocation_matrix, thrust_wrenc
 from ca_ros.vehicle.servos import FIXED
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
+
+Part = TypeVar('Part', bound='VehicleProblem')
 
 
 class VehicleProblem(AllocationProblem):
@@ -49,9 +52,11 @@ class VehicleProblem(AllocationProblem):
         """Return the wrench (m,) of hover [N, N m]."""
         return np.array([self.vehicle.weight * (axis == 'thrust') for axis in self.axes])
 
-    def with_axes(self, axes: Sequence[str]) -> VehicleProblem:
-        """Return the problem of the same vehicle with other axes."""
-        return VehicleProblem(replace(self.vehicle, axes=tuple(axes)))
+    def part(self: Part, axes: Sequence[str]) -> Part:
+        """Return the problem of some of its axes, with a vehicle that has these alone."""
+        made = super().part(axes)
+        made.vehicle = replace(self.vehicle, axes=made.axes)
+        return made
 
     @property
     def hover(self) -> Array:
@@ -89,11 +94,10 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
 
     def __init__(
         self, vehicle: Vehicle, windows: Sequence[tuple[ConvexSet, Array]] | None = None,
-        sets: ConvexSets | None = None,
     ) -> None:
         self.vehicle, self.axes = vehicle, vehicle.axes
         self.windows = list(thrust_sets(vehicle) if windows is None else windows)
-        self.sets = ConvexSets([each for each, _ in self.windows]) if sets is None else sets
+        self.sets = ConvexSets([each for each, _ in self.windows])
         names = [str(i + 1) for i in range(vehicle.n)]
         self.effector_names = tuple(component_names(names, self.sets.sets))
         owners = [i for i, (each, _) in enumerate(self.windows) for _ in range(each.size)]
@@ -101,14 +105,6 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
         self.wrenches = thrust_wrenches(vehicle, owners, self.directions)
         gamma = self.wrenches[[AXES.index(axis) for axis in vehicle.axes]]
         self._fill(gamma, self.sets.lower, self.sets.upper, self._weight())
-
-    def with_axes(self, axes: Sequence[str]) -> VehicleProblem:
-        """Return the problem of the same vehicle with other axes; it has the same sets."""
-        vehicle = replace(self.vehicle, axes=tuple(axes))
-        made = TiltingVehicleProblem(vehicle, self.windows, self.sets)
-        if self.has_volume and set(axes) <= set(self.axes):
-            vars(made)['has_volume'] = True
-        return made
 
     @property
     def facet_choices(self) -> int:
