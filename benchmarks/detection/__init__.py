@@ -1,0 +1,1 @@
+"""The detector of failures on a plant that was written without knowledge of it."""

@@ -1,0 +1,125 @@
+"""Fly the detector of failures on a plant of its own: false alarms, and names of failed rotors.
+
+``python -m benchmarks.detection --hours 3.4 --losses 400 --publish`` prints the tables and writes
+them to alarms.md; names.csv has a row for each failure.
+"""
+
+import argparse
+import csv
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from benchmarks.detection import tables
+from benchmarks.detection.conditions import CAUSES, FLOWN, LOSSES
+from benchmarks.detection.flights import (
+    DURATION,
+    POOLED,
+    TUNING,
+    VEHICLES,
+    Count,
+    Outcome,
+    fly,
+)
+from ca_ros.errors import CaRosError
+
+BLOCK = 10  # flights of a job
+
+
+def _blocks(first: int, count: int) -> list[range]:
+    ends = range(first, first + count, BLOCK)
+    return [range(begin, min(begin + BLOCK, first + count)) for begin in ends]
+
+
+def _jobs(options: argparse.Namespace) -> list[tuple[Any, ...]]:
+    first = TUNING if options.publish else options.first
+    flights = round(options.hours * 3600.0 / DURATION)
+    losses = -(-options.losses // len(POOLED))
+    if not options.publish and first + max(flights, losses) > TUNING:
+        raise CaRosError(f'seeds from {TUNING} on are for --publish: fly less, or lower --first')
+    flown = CAUSES if options.causes else options.conditions
+    return [
+        *((vehicle, name, '', seeds, options.imu) for vehicle in options.vehicles
+          for name in flown for seeds in _blocks(first, flights)),
+        *((vehicle, name, loss, seeds, options.imu) for vehicle in options.vehicles
+          for loss in options.kinds for name in POOLED for seeds in _blocks(first, losses)),
+    ]
+
+
+def run(options: argparse.Namespace) -> tuple[str, dict[tuple[str, ...], Any]]:
+    """Fly; return the tables, and what was found by vehicle, condition and kind of failure."""
+    found: dict[tuple[str, ...], Any] = {}
+    jobs, begin = _jobs(options), perf_counter()
+    with ProcessPoolExecutor(options.jobs, mp_context=get_context('spawn')) as pool:
+        for i, (key, part) in enumerate(pool.map(fly, jobs)):
+            found[key] = found[key] + part if key in found else part
+            if sys.stderr.isatty():
+                print(f'\r{i + 1}/{len(jobs)} {" ".join(key):40}', end='', file=sys.stderr)
+    counts: dict[str, dict[str, Count]] = {}
+    kinds: dict[tuple[str, ...], list[Outcome]] = {}
+    totals: dict[tuple[str, ...], list[Outcome]] = {}
+    for (vehicle, name, loss), part in found.items():
+        if not loss:
+            counts.setdefault(vehicle, {})[name] = part
+            continue
+        kinds[vehicle, loss] = kinds.get((vehicle, loss), []) + part
+        if loss == 'total':
+            totals[vehicle, name] = part
+    parts = [('False alarms an hour', tables.alarms, counts),
+             ('Landings, take-offs and pushes', tables.contacts, counts)] if counts else []
+    text = [f'## {title}\n\n{table(each)}' for title, table, each in parts]
+    if kinds:
+        text.append('## Failures, by kind\n\n' + tables.names(kinds, ('vehicle', 'failure')))
+    if totals:
+        text.append('## Total losses, by condition\n\n'
+                    + tables.names(totals, ('vehicle', 'condition')))
+    seeds = f'from {TUNING} on, for publishing' if options.publish else f'from {options.first} on'
+    text.append(f'Seeds {seeds}; 95 % intervals; {perf_counter() - begin:.0f} s.\n')
+    return '\n'.join(text), found
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Fly and print the tables; return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog='python -m benchmarks.detection', description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = parser.add_argument
+    add('--hours', type=float, default=0.2, help='of each vehicle in each condition [h]')
+    add('--losses', type=int, default=30, help='of each vehicle and kind')
+    add('--vehicles', nargs='+', default=VEHICLES, choices=VEHICLES)
+    add('--conditions', nargs='*', default=[*FLOWN], choices=FLOWN, metavar='NAME',
+        help=f'of the hours: {", ".join(FLOWN)}')
+    add('--kinds', nargs='*', default=[*LOSSES], choices=LOSSES, metavar='KIND',
+        help=f'of failures: {", ".join(LOSSES)}')
+    add('--causes', action='store_true', help='conditions in which one thing alone is not ideal')
+    add('--imu', action='store_true', help='the detector gets the specific force, too')
+    add('--publish', action='store_true', help=f'fly with seeds from {TUNING} on')
+    add('--first', type=int, default=0, help='seed of the first flight, without --publish')
+    add('--jobs', type=int, default=1, help='processes')
+    add('--out', type=Path, default=Path('out/detection'), metavar='DIR')
+    options = parser.parse_args(argv)
+    try:
+        text, found = run(options)
+    except CaRosError as error:
+        print(f'detection: {error}', file=sys.stderr)
+        return 1
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / 'alarms.md').write_text(text, encoding='utf-8')
+    with (options.out / 'names.csv').open('w', newline='', encoding='utf-8') as file:
+        writer = csv.writer(file, lineterminator='\n')
+        writer.writerow(['vehicle', 'condition', 'failure', 'rotor', 'named', 'after', 'early'])
+        for key, part in found.items():
+            if key[2]:
+                for each in part:
+                    named = ' '.join(str(rotor + 1) for rotor in each.named)
+                    writer.writerow([*key, each.rotor + 1, named, each.after, each.early])
+    print(f'{text}\nwritten: alarms.md and names.csv in {options.out}')
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

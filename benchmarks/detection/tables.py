@@ -1,0 +1,106 @@
+"""Tables of what was counted, with 95 % intervals."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from scipy import stats
+
+from benchmarks.detection.flights import POOLED, Count, Outcome
+
+
+def rate(events: int, hours: float) -> str:
+    """Return events an hour with the exact interval of a Poisson process."""
+    low = stats.chi2.ppf(0.025, 2 * events) / 2.0 if events else 0.0
+    high = stats.chi2.ppf(0.975, 2 * events + 2) / 2.0
+    return f'{_short(events / hours)} [{_short(low / hours)}, {_short(high / hours)}]'
+
+
+def share(events: int, trials: int) -> str:
+    """Return events of trials with the interval of Clopper and Pearson [%]."""
+    low = stats.beta.ppf(0.025, events, trials - events + 1) if events else 0.0
+    high = stats.beta.ppf(0.975, events + 1, trials - events) if events < trials else 1.0
+    ends = ', '.join(_short(100.0 * each) for each in (low, high))
+    return f'{events}/{trials}: {_short(100.0 * events / trials)} [{ends}]'
+
+
+def _short(x: float) -> str:
+    return f'{x:.0f}' if x >= 99.5 else f'{x:.1f}'
+
+
+def _pooled(counts: Mapping[str, Count]) -> Count:
+    total = Count()
+    for name in POOLED:
+        if name in counts:
+            total.hours += counts[name].hours
+            total.alarms += counts[name].alarms
+    return total
+
+
+def alarms(found: Mapping[str, Mapping[str, Count]]) -> str:
+    """Return the table of false alarms an hour, a vehicle a row."""
+    names = list(dict.fromkeys(name for counts in found.values() for name in counts))
+    pool = set(POOLED) <= set(names)
+    head = ['vehicle', *names, *(['pooled'] if pool else []), 'hours', 'turned over']
+    rows = []
+    for vehicle, counts in found.items():
+        cells = [rate(counts[name].alarms, counts[name].hours) for name in names]
+        if pool:
+            total = _pooled(counts)
+            cells.append(rate(total.alarms, total.hours))
+        hours = ', '.join(f'{counts[name].hours:.2f}' for name in names)
+        cells += [hours, str(sum(count.overturned for count in counts.values()))]
+        rows.append([f'`{vehicle}`', *cells])
+    return _table(head, rows)
+
+
+def contacts(found: Mapping[str, Mapping[str, Count]]) -> str:
+    """Return the table of landings, take-offs and pushes with an alarm."""
+    rows = []
+    for vehicle, counts in found.items():
+        every = list(counts.values())
+        landings, pushes = (sum(getattr(each, name) for each in every)
+                            for name in ('landings', 'pushes'))
+        rows.append([
+            f'`{vehicle}`',
+            share(sum(each.landing_alarms for each in every), landings) if landings else '',
+            str(sum(each.takeoff_alarms for each in every)) if landings else '',
+            share(sum(each.push_alarms for each in every), pushes) if pushes else '',
+        ])
+    head = ['vehicle', 'landings with an alarm [%]', 'alarms in take-off',
+            'pushes with an alarm [%]']
+    return _table(head, rows)
+
+
+def names(found: Mapping[tuple[str, ...], Sequence[Outcome]], labels: Sequence[str]) -> str:
+    """Return the table of failures; the keys have the labels.
+
+    *Wrong* counts other arms and the partner named alone.
+    """
+    head = [*labels, 'named [%]', 'arm right [%]', 'rotor alone right [%]', 'wrong [%]',
+            'of these the partner', 'median [ms]', '90 % [ms]', 'alarms before']
+    rows = []
+    for key, outcomes in found.items():
+        total = len(outcomes)
+        rows.append([
+            f'`{key[0]}`', *key[1:],
+            share(sum(bool(each.named) for each in outcomes), total),
+            share(sum(each.arm for each in outcomes), total),
+            share(sum(each.right for each in outcomes), total),
+            share(sum(each.wrong for each in outcomes), total),
+            str(sum(each.same_arm for each in outcomes)),
+            *(quantile(outcomes, q) for q in (0.5, 0.9)),
+            str(sum(each.early for each in outcomes)),
+        ])
+    return _table(head, rows)
+
+
+def quantile(outcomes: Iterable[Outcome], q: float) -> str:
+    """Return a quantile of the time to the arm's name; failures without it come last."""
+    times = sorted(each.after if each.arm else np.inf for each in outcomes)
+    found = times[min(int(q * len(times)), len(times) - 1)]
+    return f'{1e3 * found:.0f}' if np.isfinite(found) else 'never'
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ['---'] * len(head), *rows]
+    return '\n'.join(f'| {" | ".join(line)} |' for line in lines) + '\n'

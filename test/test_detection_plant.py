@@ -1,0 +1,227 @@
+"""The plant on which the detector is counted: laws of motion, of rotors, air and ground."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from benchmarks.detection import tables
+from benchmarks.detection.conditions import CALM, FLOWN, NOTHING, Condition
+from benchmarks.detection.flights import Count, Outcome, Setup, landed, namings
+from benchmarks.detection.plant import (
+    DESCENDING,
+    FAILURES,
+    GROUNDED,
+    HEIGHT,
+    PERIOD,
+    RADIUS,
+    STEP,
+    Mission,
+    Plant,
+    Truth,
+    fill,
+)
+from ca_ros.simulation.rigid_body import rotation_matrix
+
+SETUP = Setup.load('x8')
+MODEL, N = SETUP.model, SETUP.vehicle.n
+HOVER = np.sqrt(MODEL.mass * MODEL.gravity / (N * MODEL.thrust))
+STILL = np.array([0, 0, 5, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0], float)
+
+
+def started(state=STILL, mission=None, model=MODEL, **changes):
+    """Return a plant without mismatch, sensors' errors, air and ground, but for changes."""
+    ones = np.ones(N)
+    ideal = {
+        'mass_factor': 1.0, 'inertia_factor': np.ones(3), 'thrust_factor': ones,
+        'torque_factor': ones, 'lag': 0.05 * ones, 'braking': 1.0, 'dropped': 1e9,
+    }
+    truth = fill(Truth(), **{**ideal, **changes})
+    given = fill(Mission(), **{**CALM, **(mission or {})})
+    return Plant(model, truth, given, 1, np.asarray(state, float))
+
+
+def thrust(plant, seconds=2.0):
+    """Return the specific force along z and the acceleration of yaw, after some time in hover."""
+    plant.drift(np.full(N, HOVER), round(seconds / STEP))
+    row, _ = plant.sense()
+    before = plant.state[0][12]
+    plant.drift(np.full(N, HOVER), 1)
+    return row['specific_force'][2], (plant.state[0][12] - before) / STEP
+
+
+def heavy():
+    """Return a vehicle without weight, and a truth in which no force moves it."""
+    model = type(MODEL).from_buffer_copy(MODEL)
+    model.gravity = 1e-9
+    return {'model': model, 'mass_factor': 1e6, 'inertia_factor': np.full(3, 1e6)}
+
+
+def test_momentum_and_energy_without_forces():
+    state = STILL.copy()
+    state[3:6], state[10:] = (1.0, -2.0, 3.0), (4.0, -3.0, 6.0)
+    plant = started(state, thrust_factor=np.zeros(N), torque_factor=np.zeros(N))
+    inertia = np.array(MODEL.inertia)
+
+    def found():
+        now, _ = plant.state
+        turned = rotation_matrix(now[6:10]) @ (inertia * now[10:])
+        energy = 0.5 * now[3:6] @ now[3:6] + MODEL.gravity * now[2]
+        return now[3:5], turned, energy, 0.5 * (inertia * now[10:]) @ now[10:]
+
+    before = found()
+    plant.drift(np.zeros(N), round(1.0 / STEP))
+    for old, new in zip(before, found(), strict=True):
+        np.testing.assert_allclose(new, old, rtol=2e-3, atol=1e-9)
+    fallen = plant.state[0]
+    assert fallen[2] == pytest.approx(5.0 + 3.0 - MODEL.gravity / 2.0, abs=1e-9)
+
+
+def test_hover_is_at_rest_and_the_controller_stays_there():
+    plant = started()
+    plant.drift(np.full(N, HOVER), round(1.0 / STEP))
+    np.testing.assert_allclose(plant.state[0], STILL, atol=1e-9)
+    there = {'reach': 0.0, 'low': 5.0, 'high': 5.0, 'turn': 0.0}
+    rows = started(mission=there).fly(10.0)
+    np.testing.assert_allclose(rows['position'][-1], STILL[:3], atol=1e-3)
+    np.testing.assert_allclose(rows['command'][-1, :N], HOVER, rtol=1e-3)
+
+
+def test_the_lag_is_of_first_order():
+    plant = started()
+    plant.drift(np.full(N, HOVER + 50.0), round(0.05 / STEP))
+    np.testing.assert_allclose(plant.state[1][:N], HOVER + 50.0 * (1.0 - np.exp(-1.0)), rtol=1e-9)
+
+
+@pytest.mark.parametrize('climb', [-1.0, 0.0, 3.0])
+def test_inflow_follows_momentum_theory(climb):
+    """In a steady climb V: T = k s^2 (1 + b (1 - (v + V) / v_0)) = 2 rho A v (v + V)."""
+    state = STILL.copy()
+    state[5] = climb
+    force, _ = thrust(started(state, inflow=0.5, **heavy()))
+    got = force * 1e6 * MODEL.mass / N
+    area = 2.0 * 1.225 * np.pi * RADIUS**2
+    still = HOVER * np.sqrt(MODEL.thrust / area)
+    lift = MODEL.thrust * HOVER**2
+    # A quadratic equation in v.
+    b = climb + 0.5 * lift / still / area
+    c = lift * (1.5 - 0.5 * climb / still) / area
+    v = (-b + np.sqrt(b * b + 4.0 * c)) / 2.0
+    assert got == pytest.approx(area * v * (v + climb), rel=2e-3)
+
+
+def test_a_lost_propeller_has_neither_thrust_nor_drag():
+    state = STILL.copy()
+    state[3] = 5.0  # m/s forward; rotor 1 is front left
+    fast = {'flapping': 5e-4, **heavy()}
+    failure = {'failure': FAILURES['loss'], 'rotor': 0, 'left': 0.0, 'time': 0.0}
+    sound, turning = thrust(started(state, **fast))
+    plant = started(state, failure, **fast)
+    plant.sense()
+    lost, turned = thrust(plant)
+    assert sound * 1e6 == pytest.approx(MODEL.gravity, rel=1e-6)
+    assert lost / sound == pytest.approx(1.0 - 1.0 / N, rel=1e-6)
+    yaw = (turned - turning) * 1e6 * MODEL.inertia[2]
+    drag = 5e-4 * HOVER * 5.0 * SETUP.vehicle.arms[0, 1]
+    own = MODEL.torque * HOVER**2 * MODEL.spin[0]
+    assert yaw == pytest.approx(-drag - own, rel=1e-3)
+
+
+def test_legs_carry_the_weight_and_take_energy():
+    state = STILL.copy()
+    state[2:6] = HEIGHT + 0.05, 0.5, 0.0, 0.0
+    legs = {'sink': 0.003, 'damping': 0.5, 'friction': 0.5}
+    plant = started(state, thrust_factor=np.zeros(N), torque_factor=np.zeros(N), **legs)
+    stiffness = MODEL.mass * MODEL.gravity / 0.003
+
+    def energy():
+        now, _ = plant.state
+        turned = 0.5 * (np.array(MODEL.inertia) * now[10:]) @ now[10:]
+        depth = np.array([HEIGHT - now[2], 0.0]).max()
+        still = MODEL.mass * (0.5 * now[3:6] @ now[3:6] + MODEL.gravity * now[2]) + turned
+        return still + 0.5 * stiffness * depth**2
+
+    found = []
+    for _ in range(200):
+        plant.drift(np.zeros(N), round(0.01 / STEP))
+        found.append(energy())
+    assert max(new - old for old, new in pairwise(found)) < 2e-3
+    now, _ = plant.state
+    np.testing.assert_allclose(now[2], HEIGHT - 0.003, atol=1e-6)
+    np.testing.assert_allclose(now[3:6], 0.0, atol=1e-6)
+    slid = 0.5**2 / (2.0 * 0.5 * MODEL.gravity)  # from the first contact on, with 0.5 m/s
+    assert 0.5 * slid < now[0] - 0.5 * 0.1 < 1.5 * slid
+
+
+def test_turbulence_has_the_spectrum_of_dryden():
+    """MIL-F-8785C: the intensity up is a tenth of the wind at 6 m, the time constant L / V."""
+    wind = {'wind': [6.0, 0.0, 0.0], 'turbulence': 6.0}
+    rows = started(mission={'low': 5.0, 'high': 5.0, 'reach': 0.0}, **wind).fly(600.0)
+    gusts = rows['wind'] - [6.0, 0.0, 0.0]
+    shape = 0.177 + 0.000823 * 5.0 / 0.3048
+    expected = 0.6 * np.array([shape**-0.4, shape**-0.4, 1.0])
+    np.testing.assert_allclose(gusts.std(axis=0), expected, rtol=0.2)
+    one_second = np.corrcoef(gusts[:-100, 2], gusts[100:, 2])[0, 1]
+    # Of (1 + sqrt(3) T s) / (1 + T s)^2 after t: exp(-t/T) (1 - t/2T).
+    away = 6.0 / 5.0
+    assert one_second == pytest.approx(np.exp(-away) * (1.0 - away / 2.0), abs=0.1)
+
+
+def test_the_same_seed_gives_the_same_flight_and_every_landing_ends_on_four_feet():
+    def flown(seed):
+        truth, mission = FLOWN['landings'].draw(MODEL, np.random.default_rng(seed), 45.0)
+        return Plant(MODEL, truth, mission, seed).fly(45.0)
+
+    rows, again = flown(3), flown(3)
+    assert rows.tobytes() == again.tobytes()
+    found = list(landed(rows))
+    assert len(found) == 3
+    for begin, end in found:
+        assert rows['mode'][begin] == DESCENDING
+        assert rows['mode'][end - 1] == GROUNDED
+        assert rows['feet'][end - 1] == 4
+        np.testing.assert_allclose(rows['speeds'][end - 1, :N], MODEL.slowest, rtol=0.1)
+
+
+class Fake:
+    """A detector that names a rotor in each of some states."""
+
+    def __init__(self, states, rotor):
+        self.states, self.rotor, self.count, self.health = states, rotor, -1, np.ones(N)
+
+    def observe(self, *_):
+        """Name the rotor in its states."""
+        self.count += 1
+        self.health[self.rotor] = 0.0 if self.count in self.states else 1.0
+        return self.count in self.states
+
+    def command(self, *_):
+        """Nothing depends on commands."""
+
+    def reset(self):
+        """Forget."""
+        self.health[:] = 1.0
+
+
+def test_alarms_are_counted_once_a_landing_and_once_a_push():
+    condition = Condition({**CALM, 'pushes': 20.0}, **NOTHING)
+    truth, mission = condition.draw(MODEL, np.random.default_rng(0), 60.0)
+    rows = Plant(MODEL, truth, mission, 0).fly(60.0)
+    pushed = np.flatnonzero(rows['pushed'])
+    count = Count()
+    states = {0, int(pushed[0]) + 1, int(pushed[0]) + 2}
+    count.add(rows, list(namings(Fake(states, 2), rows, N)))
+    assert count.hours == pytest.approx(60.0 / 3600.0)
+    assert (count.alarms, count.pushes, count.push_alarms) == (3, 3, 1)
+    assert (count + count).names == {(2,): 6}
+    assert len(rows) * PERIOD == 60.0
+
+
+def test_tables_know_arms_and_intervals():
+    arm = Outcome(0, 1, 0, (0, 1), 0.1)
+    assert (arm.arm, arm.right, arm.wrong) == (True, False, False)
+    partner = Outcome(0, 1, 0, (1,), 0.2)
+    assert (partner.arm, partner.same_arm, partner.wrong) == (False, True, True)
+    assert tables.quantile([arm, partner], 0.9) == 'never'
+    assert tables.rate(0, 3.0) == '0.0 [0.0, 1.2]'  # -ln(0.025) / 3
+    assert tables.share(2, 2) == '2/2: 100 [15.8, 100]'  # sqrt(0.025)
