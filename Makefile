@@ -65,14 +65,14 @@ help:
 	@echo 'make compare BASE=COMMIT   times and answers of HEAD beside those of another commit'
 	@echo 'make soak       reliability in the long run, for half an hour or more; results in out/soak'
 	@echo 'make readme     regenerate what the pages show: example, parameters, pictures, animation'
-	@echo 'make explorer   build the page of python -m ca_ros explore; needs npm, clang and lld'
+	@echo 'make explorer   build the page of ca_ros explore; needs npm, clang and lld'
 	@echo 'make docs       the pages and the API reference as HTML, in out/docs'
 	@echo 'make venv       only set up .venv, with the rclpy of ROS 2 Jazzy'
 	@echo 'make clean      remove .venv, out and all that builds and tests leave'
 	@echo 'PYTHON=python3.12 and the like choose the Python, 3.10 to 3.14.'
 
 demo: .venv/.demo
-	.venv/bin/bringup --method exact --mode realtime --out out/demo
+	.venv/bin/ca_ros bringup --method exact --mode realtime --out out/demo
 
 test: .venv/.test
 	.venv/bin/python -m ruff check
@@ -114,11 +114,11 @@ soak: .venv/.test
 
 readme: demo
 	.venv/bin/python docs/scripts/readme.py
-	.venv/bin/static_study --samples 1000 --seed 0 --out out/static
+	.venv/bin/ca_ros static_study --samples 1000 --seed 0 --out out/static
 	cp out/static/slices.png out/static/violations.png docs
-	.venv/bin/attainable --fail 1 --out docs/attainable
+	.venv/bin/ca_ros attainable --fail 1 --out docs/attainable
 	.venv/bin/python docs/scripts/failure.py
-	.venv/bin/dynamic_study --methods exact,pseudo_inverse,fixed_pseudo_inverse --fail 1@8 \
+	.venv/bin/ca_ros dynamic_study --methods exact,pseudo_inverse,fixed_pseudo_inverse --fail 1@8 \
 	    --duration 14 --out out/failure
 	cp out/failure/failure.png docs
 	.venv/bin/python docs/scripts/plant_effects.py
@@ -162,7 +162,7 @@ steps := -e 's/^\(Collecting\|Downloading\) \([A-Za-z0-9._-]*\).*/  fetching \2/
   -e '/^ERROR/,$$p' -e '/^ *\(error:\|×\)/,$$p'
 
 # Installers do not notice half-installed packages, so after an interruption all starts in a new venv.
-.venv/.demo .venv/.test .venv/.benchmark .venv/.docs: .venv/.$(kind) setup.py setup.cfg ca_ros/commands.py
+.venv/.demo .venv/.test .venv/.benchmark .venv/.docs: .venv/.$(kind) setup.py setup.cfg ca_ros_cli.py
 	@echo 'Installing ca_ros and what it needs into .venv, which can take some minutes:'
 	@rm $<
 	@{ { $(or $(uv),.venv/bin/uv) pip install --python .venv/bin/python $(package) || \

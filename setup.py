@@ -3,7 +3,6 @@ import sys
 from copy import copy
 from glob import glob
 from pathlib import Path
-from runpy import run_path
 from xml.etree import ElementTree
 
 from setuptools import Extension, find_packages, setup
@@ -12,7 +11,10 @@ from setuptools.command.build_ext import build_ext
 package = 'ca_ros'
 # The sources: with colcon's --symlink-install this file is a link in a folder without the others.
 root = Path(__file__).resolve().parent
-commands = sorted(run_path(f'{package}/commands.py')['COMMANDS'])
+sys.path.insert(0, str(root))
+
+from ca_ros_cli import COMMANDS  # noqa: E402
+
 solvers = ['daqp', 'quadprog']
 # Besides osqp, which is needed anyway.
 peers = [*solvers, 'clarabel', 'highspy', 'piqp', 'proxsuite']
@@ -76,6 +78,24 @@ class BuildKernels(build_ext):
         build_ext.build_extension(one, ext)
 
 
+def executables():
+    """Write a script for each command, which `ros2 run ca_ros COMMAND` starts; return the files.
+
+    pip leaves data files as they are: the first line finds the Python of the PATH.
+    """
+    folder = Path('build/executables')
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in COMMANDS:
+        script = folder / name
+        script.write_text(
+            '#!/usr/bin/env python3\n'
+            'import sys\n\n'
+            'from ca_ros_cli import main\n\n'
+            f'sys.exit(main([{name!r}, *sys.argv[1:]]))\n', encoding='utf-8')
+        script.chmod(0o755)
+    return [str(folder / name) for name in COMMANDS]
+
+
 def description():
     """Return README for PyPI: pictures and links within the repository would be dead there."""
     text = (root / 'README.md').read_text(encoding='utf-8').partition('\n## Documentation')[0]
@@ -109,7 +129,7 @@ setup(
     maintainer='ca_ros maintainers',
     maintainer_email='ca_ros@users.noreply.github.com',
     packages=find_packages(include=[package, f'{package}.*']),
-    py_modules=['ca_ros_commands', 'pytest_ca_ros'],
+    py_modules=['ca_ros_cli', 'pytest_ca_ros'],
     package_data={
         package: [
             'explorer.html', 'py.typed', 'studies/templates/*',
@@ -120,6 +140,7 @@ setup(
     cmdclass={'build_ext': BuildKernels},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package}']),
+        (f'lib/{package}', executables()),
         (f'share/{package}', ['package.xml']),
         (f'share/{package}/config', sorted(glob('config/*.yaml'))),
         (f'share/{package}/config/problems', sorted(glob('config/problems/*.yaml'))),
@@ -184,7 +205,7 @@ setup(
         ],
     },
     entry_points={
-        'console_scripts': [f'{command} = {package}_commands:{command}' for command in commands],
+        'console_scripts': [f'{package} = {package}_cli:main'],
         'pytest11': [f'{package} = pytest_ca_ros'],
     },
 )

@@ -33,7 +33,7 @@ from ca_ros.vehicle.files import find
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
-MODULES = {'allocator': ['ca_ros_commands', 'allocator'], 'echo': ['benchmarks.echo']}
+MODULES = {'allocator': ['ca_ros_cli', 'allocator'], 'echo': ['benchmarks.echo']}
 
 RATES = (250.0, 1000.0)  # rates at which latencies are measured [Hz]
 

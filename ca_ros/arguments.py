@@ -2,9 +2,14 @@
 
 import argparse
 import math
+import signal
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
+
+from ca_ros.errors import message
+from ca_ros_cli import COMMANDS
 
 
 class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
@@ -14,6 +19,30 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
         if action.default is None or action.default in ([], (), {}):
             return action.help
         return super()._get_help_string(action)
+
+
+def command(
+    name: str,
+    add_options: Callable[[argparse.ArgumentParser], None],
+    run: Callable[[argparse.Namespace], None],
+) -> int:
+    """Parse the arguments of ``ca_ros NAME`` and run it; return the exit code.
+
+    Errors of files and of values are shown in one line.
+    """
+    # A reader of the output, such as head, may end first.
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+    about = COMMANDS[name][1]
+    parser = argparse.ArgumentParser(
+        prog=f'ca_ros {name}', description=f'{about[0].upper()}{about[1:]}.')
+    add_options(parser)
+    try:
+        run(parser.parse_args())
+    except (OSError, ValueError) as error:
+        sys.stdout.flush()
+        print(f'ca_ros {name}: {message(error)}', file=sys.stderr)
+        return 1
+    return 0
 
 
 def shown(read: Callable[[str], Any]) -> Callable[[str], Any]:

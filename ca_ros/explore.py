@@ -1,12 +1,14 @@
-"""``python -m ca_ros explore``: the explorer, one page for a browser, with the kernel in it."""
+"""``ca_ros explore``: the explorer, one page for a browser, with the kernel in it."""
 
 import argparse
 import json
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from ca_ros.arguments import command
 from ca_ros.input_files import read_text
 from ca_ros.problem.audit import audit
 from ca_ros.settings import ParameterError
@@ -18,9 +20,6 @@ PAGE = Path(__file__).with_name('explorer.html')  # the page, which ``make explo
 NO_VEHICLE = '<script type="application/json" id="start">{}</script>'
 
 TABLES = 'speeds', 'thrusts', 'throttles'  # of rotors.thrust_curve, which the page does not read
-
-COMMAND = 'explore', 'write the explorer, a page for a browser: drag the demand, fail rotors'
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
@@ -65,3 +64,6 @@ def page(vehicle: str | None = None) -> str:
     file = find(vehicle)
     start = json.dumps({file.stem: read_text(file)}).replace('</', '<\\/')
     return text.replace(NO_VEHICLE, NO_VEHICLE.replace('{}', start))
+
+
+main = partial(command, 'explore', add_options, run)

@@ -100,14 +100,14 @@ def fly_in_real_time(flight):
 
 RUNS = """
 import contextlib, io, json, sys
-from ca_ros import commands
+import ca_ros_cli
 
 runs = []
 for sys.argv in json.loads(sys.stdin.read()):
     with contextlib.redirect_stdout(io.StringIO()) as out:
         with contextlib.redirect_stderr(io.StringIO()) as err:
             try:
-                code = commands.run(sys.argv[0])
+                code = ca_ros_cli.main(sys.argv)
             except SystemExit as end:
                 code = end.code
     runs.append((code, out.getvalue(), err.getvalue()))

@@ -20,11 +20,11 @@ from ca_ros.bringup.agreement import check, differences
 from ca_ros.bringup.bringup import main, write_results
 from ca_ros.bringup.flight import Flown
 from ca_ros.bringup.options import parse
-from ca_ros.commands import NODES
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.settings import DECLARED
 from ca_ros.process import processes
 from ca_ros.testing import DEADLINE, executable
+from ca_ros_cli import NODES
 from nodes import fly_in_real_time, fly_offline, read
 from strategies import file_values, length
 
@@ -247,7 +247,7 @@ def test_without_security_libraries_it_says_so(tmp_path):
         'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce',
         'ROS_SECURITY_KEYSTORE': str(tmp_path)}
     found = subprocess.run(
-        [executable('bringup'), '--duration', '1', '--out', str(tmp_path / 'out')],
+        [*executable('bringup'), '--duration', '1', '--out', str(tmp_path / 'out')],
         env={**os.environ, **secured}, capture_output=True, text=True, timeout=60)
     assert found.returncode == 1
     assert 'Traceback' not in found.stderr

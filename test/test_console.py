@@ -59,8 +59,8 @@ def test_an_allocator_answers_whether_or_not_its_log_is_read(graph, make):
 
 @pytest.mark.parametrize('closed', length(['<&- >&- 2>&-'], ['2>&-', '<&- >&- 2>&-']))
 def test_an_allocator_answers_where_standard_streams_are_closed(graph, closed):
-    code = f'exec "$0" --vehicle hexarotor {closed}'
-    process = graph.start('/bin/sh', '-c', code, str(executable('allocator')))
+    code = f'exec "$0" "$@" --vehicle hexarotor {closed}'
+    process = graph.start('/bin/sh', '-c', code, *executable('allocator'))
     speeds, send = commands(graph)
     graph.spin_until(lambda: len(speeds) > 3, 'answers', repeat=send)
     # No socket has the number of a stream that others write to.

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from ca_ros.commands import NODES
 from ca_ros.nodes.topics import TOPICS
 from ca_ros.testing import executable
+from ca_ros_cli import NODES
 from strategies import LONG
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -88,13 +88,15 @@ def clone(tmp_path):
     activate = place / '.venv' / 'bin' / 'activate'
     activate.parent.mkdir(parents=True)
     activate.touch()
-    for name, arguments in ({} if LONG else SHORT).items():
+    for name in () if LONG else ('ca_ros', 'mypy'):
         file = activate.with_name(name)
+        [program] = executable(name)
         file.write_text(
             f'#!{sys.executable}\nimport os, re, sys\n'
             "words = [re.sub('(?<=[0-9]@)[0-9.]+', '0.1', word) for word in sys.argv[1:]]\n"
             "words += ['--'] * ('--ros-args' in words)\n"
-            f'os.execv({str(executable(name))!r}, [sys.argv[0], *words, *{arguments.split()}])\n',
+            f'short = {SHORT}.get(words[0] if {name!r} == "ca_ros" else {name!r}, "")\n'
+            f'os.execv({program!r}, [sys.argv[0], *words, *short.split()])\n',
             encoding='utf-8')
         file.chmod(0o755)
     return place

@@ -119,7 +119,7 @@ def test_an_allocator_that_never_had_a_sound_command_says_nothing(graph):
 
 
 def test_a_terminal_that_closes_is_no_reason_to_end_where_nohup_says_so(graph):
-    motors = Motors(graph, program=('/usr/bin/nohup', str(executable('allocator'))))
+    motors = Motors(graph, program=('/usr/bin/nohup', *executable('allocator')))
     motors.fly()
     motors.process.send_signal(signal.SIGHUP)
     for heard in motors.heard:

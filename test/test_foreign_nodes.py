@@ -12,7 +12,6 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from ca_ros.bringup.agreement import check, combined, not_compared
 from ca_ros.bringup.options import parse
 from ca_ros.bringup.scenario import Timeline
-from ca_ros.commands import NODES
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.errors import CaRosError
@@ -21,6 +20,7 @@ from ca_ros.nodes.topics import STANDING
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.testing import Diagnostics
 from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros_cli import NODES
 from nodes import fly_offline, host, read
 from strategies import file_values
 

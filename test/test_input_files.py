@@ -58,7 +58,7 @@ def test_so_do_firmware_trajectories_and_nodes(wrong, tmp_path, capsys):
     node = ['monitor', '--ros-args', '--params-file', path]
     for words in (['bringup', '--trajectory', path], node):
         found = subprocess.run(
-            [executable(words[0]), *map(str, words[1:])], capture_output=True, text=True,
+            [*executable(words[0]), *map(str, words[1:])], capture_output=True, text=True,
             timeout=60)
         [*_, line] = found.stderr.splitlines()
         assert found.returncode in (1, 2)

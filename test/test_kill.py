@@ -12,8 +12,8 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.commands import NODES
 from ca_ros.testing import DEADLINE, Graph
+from ca_ros_cli import NODES
 from nodes import fly_in_real_time, fly_offline
 from strategies import length
 

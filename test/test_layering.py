@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-import ca_ros_commands
-from ca_ros import ALLOCATORS, commands
-from ca_ros.commands import COMMANDS, STUDIES
-from ca_ros.commands import NODES as LOOP
+import ca_ros_cli
+from ca_ros import ALLOCATORS
+from ca_ros_cli import COMMANDS, STUDIES
+from ca_ros_cli import NODES as LOOP
 
 BLOCK = """
 import sys
@@ -125,7 +125,7 @@ HEAVY = {'scipy', 'osqp', 'jinja2', *STUDIES}
 
 @pytest.mark.slow
 @pytest.mark.parametrize('modules', [
-    'ca_ros', ', '.join(COMMANDS[name] for name in (*LOOP, 'bringup'))])
+    'ca_ros', ', '.join(COMMANDS[name][0] for name in (*LOOP, 'bringup'))])
 def test_what_is_not_needed_is_not_imported(modules):
     result = subprocess.run(
         [sys.executable, '-c', IMPORTED.replace('MODULE', modules)], capture_output=True,
@@ -157,9 +157,10 @@ def test_bringup_flies_without_the_studies_packages_and_says_that_there_is_no_pl
 @pytest.mark.parametrize('absent', [STUDIES, ROS], ids=['studies', 'ros'])
 def test_a_command_without_its_packages_names_them_in_one_line(tmp_path, absent):
     # The firmware needs no more than the package itself.
-    names = [name for name in COMMANDS if name != 'firmware' and (
-        'study' in name or name == 'attainable') == (absent is STUDIES)]
-    script = f'from ca_ros import commands; print([commands.run(name) for name in {names}])'
+    studies = [name for name in COMMANDS if 'study' in name or name == 'attainable']
+    nodes = [name for name, (_, about) in COMMANDS.items() if about.startswith('node')]
+    names = studies if absent is STUDIES else [*nodes, 'bringup']
+    script = f'from ca_ros_cli import main; print([main([name]) for name in {names}])'
     result = run(tmp_path, script, absent)
     assert (result.returncode, result.stdout) == (0, f'{[1] * len(names)}\n')
     for name, line in zip(names, result.stderr.splitlines(), strict=True):
@@ -171,8 +172,8 @@ def test_an_interrupt_while_a_command_starts_ends_it_without_a_traceback(monkeyp
     def interrupted(_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(commands, 'import_module', interrupted)
-    assert ca_ros_commands.allocator() == 130
+    monkeypatch.setattr(ca_ros_cli, 'import_module', interrupted)
+    assert ca_ros_cli.main(['allocator']) == 130
     assert capfd.readouterr() == ('', '')
 
 
@@ -187,8 +188,8 @@ class Interrupt:
 
 
 sys.meta_path.insert(0, Interrupt())
-from ca_ros_commands import bringup
-raise SystemExit(bringup())
+from ca_ros_cli import main
+raise SystemExit(main(['bringup']))
 """
 
 

@@ -101,7 +101,7 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
     # As programs of one's own, the nodes are asked more.
     foreign = [
         word for option, name in REPLACEMENTS.items()
-        for word in (f'--{option}', str(executable(name)))]
+        for word in (f'--{option}', shlex.join(executable(name)))]
     bringup = graph.start(
         'bringup', '--duration', '1e6', '--fail', '1@1e5', '--view', *foreign,
         '--namespace', namespace, '--out', str(tmp_path), '--ros-args',

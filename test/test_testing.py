@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ time.sleep(1000.0)
 
 EXIT_3 = """
 import signal, sys, time
+from pathlib import Path
 signal.signal(signal.SIGINT, lambda *_: sys.exit(3))
 print('ready')
 time.sleep(1000.0)
@@ -104,9 +106,9 @@ def test_an_executable_of_any_ros_package_is_found_by_its_name(tmp_path, monkeyp
     file.parent.mkdir(parents=True)
     file.touch(0o755)
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path), prepend=os.pathsep)
-    assert executable('some_node') == file
-    assert executable('allocator').name == 'allocator'
-    assert executable('sh').is_file()
+    assert executable('some_node') == [str(file)]
+    assert Path(executable('allocator')[-1]).name == 'allocator'
+    assert Path(executable('sh')[0]).is_file()
     with pytest.raises(FileNotFoundError, match="no executable 'no_node'"):
         executable('no_node')
 

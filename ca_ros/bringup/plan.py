@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ca_ros.arguments import full_name
-from ca_ros.commands import HINTS, NODES
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.figures import WIDTHS
 from ca_ros.nodes.executable import vehicle_arguments, vehicle_of
@@ -16,10 +15,11 @@ from ca_ros.nodes.topics import MARKERS
 from ca_ros.settings import ParameterError
 from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.vehicle.files import ParameterFile
+from ca_ros_cli import HINTS, NODES
 
 POSITION_TOLERANCE = 0.02  # greatest distance from the waypoint at the end of a flight [m]
 
-RUN = sys.executable, '-m', 'ca_ros_commands'
+RUN = sys.executable, '-m', 'ca_ros_cli'
 """Runs a command of the package, whose name and arguments follow."""
 
 

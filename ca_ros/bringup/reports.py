@@ -6,13 +6,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from ca_ros.arguments import full_name
-from ca_ros.commands import NODES
 from ca_ros.nodes.diagnostics import OK
 from ca_ros.nodes.link_faults import FAULT_KINDS
 from ca_ros.nodes.messages import nanoseconds
 from ca_ros.nodes.monitor import FOUND
 from ca_ros.nodes.topics import DIAGNOSTICS, offered
 from ca_ros.process.diagnostics import Status, counts, statuses
+from ca_ros_cli import NODES
 
 
 class Reports:

@@ -6,7 +6,6 @@ from typing import Any
 
 from ca_ros.bringup.agreement import combined
 from ca_ros.bringup.recorder import Recorder
-from ca_ros.commands import NODES
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.errors import CaRosError
@@ -14,6 +13,7 @@ from ca_ros.process.processes import Deadline
 from ca_ros.settings import repeated
 from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros_cli import NODES
 
 CHANGED = 'rotors.health', 'rotors.stuck_servos'  # what failures change
 

@@ -1,4 +1,4 @@
-"""``python -m ca_ros px4-parameters``: a parameter file from PX4's parameters, and back.
+"""``ca_ros px4-parameters``: a parameter file from PX4's parameters, and back.
 
 PX4's body frame is forward-right-down, ours is forward-left-up: y and z change their signs.
 PX4 models the rotor n (from 0 on) as
@@ -18,13 +18,14 @@ the right (the same module.yaml, at commit 00f285e).
 import argparse
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from math import atan2, degrees, radians
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ca_ros.arguments import add_rotor_numbers, finite
+from ca_ros.arguments import add_rotor_numbers, command, finite
 from ca_ros.input_files import read_text
 from ca_ros.vehicle.parameter_text import parameter_text
 from ca_ros.vehicle.vehicle import Vehicle
@@ -250,9 +251,6 @@ def text(found: Mapping[str, float], style: str) -> str:
     return '\n'.join(lines)
 
 
-COMMAND = 'px4-parameters', "convert the geometry of a vehicle from and to PX4's CA_ROTOR*"
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     ways = parser.add_subparsers(dest='way', required=True)
@@ -288,3 +286,6 @@ def run(options: argparse.Namespace) -> None:
     words = options.order.split(',') if options.order else []
     order = [int(word) if word.strip().isdecimal() else 0 for word in words]
     print(text(to_px4(Vehicle.load(options.vehicle), order), options.style))
+
+
+main = partial(command, 'px4-parameters', add_options, run)

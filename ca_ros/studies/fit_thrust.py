@@ -1,15 +1,14 @@
-"""``python -m ca_ros fit-thrust``: a thrust curve from the CSV file of a test stand."""
+"""``ca_ros fit-thrust``: a thrust curve from the CSV file of a test stand."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from ca_ros.arguments import finite
+from ca_ros.arguments import command, finite
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.formats.thrust_stand import StandFit, fit, read_stand
-
-COMMAND = 'fit-thrust', 'fit a thrust curve to the CSV file of a test stand'
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -102,3 +101,6 @@ def draw(found: StandFit, file: Path) -> None:
             each.legend()
         figure.savefig(file, dpi=150)
         plt.close(figure)
+
+
+main = partial(command, 'fit-thrust', add_options, run)

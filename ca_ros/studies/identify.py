@@ -1,11 +1,13 @@
-"""``python -m ca_ros identify``: lag, delay and inertia of a vehicle from recorded flights."""
+"""``ca_ros identify``: lag, delay and inertia of a vehicle from recorded flights."""
 
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ca_ros.arguments import command
 from ca_ros.input_files import read_text
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import find
@@ -15,9 +17,6 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from ca_ros.vehicle.identification import Identification
-
-COMMAND = 'identify', 'identify lag, delay, inertia and thrust of a vehicle from flights'
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
@@ -66,3 +65,6 @@ def report(found: Identification) -> list[str]:
     lines.append(f'white noise of the gyro: {found.noise:.3g} rad/s')
     lines.append('sure, as parameters:')
     return [*lines, *(f'    {name}: {value}' for name, value in found.parameters.items())]
+
+
+main = partial(command, 'identify', add_options, run)

@@ -11,7 +11,7 @@ import sys
 import sysconfig
 import tempfile
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, ClassVar, cast
@@ -20,6 +20,7 @@ import psutil
 
 from ca_ros.process.processes import FAST_DDS, Deadline, Process, Processes
 from ca_ros.testing.domain import claim
+from ca_ros_cli import COMMANDS
 
 DEADLINE = float(os.environ.get('CA_ROS_TEST_DEADLINE', '60'))  # time limit of a wait [s]
 
@@ -132,7 +133,7 @@ class GraphProcesses:
                 for stream in STREAMS if stream not in options
             }
             process = self._children.start(
-                str(len(self._started)), [str(executable(name)), *arguments],
+                str(len(self._started)), [*executable(name), *arguments],
                 env=os.environ | self._settings | {MARK: self._mark}, **streams, **options,
             )
         self._exit_codes[process] = exit_codes
@@ -206,7 +207,7 @@ class GraphProcesses:
 
     def _name(self, process: Process) -> str:
         program, *arguments = (Path(word).name for word in cast('list[str]', process.args))
-        script = arguments[:1] if program.startswith('python') else []
+        script = arguments[:1] if program.startswith('python') or program == 'ca_ros' else []
         return ' '.join([program, *script, str(process.pid)])
 
     def _log(self, number: int, stream: str) -> Path:
@@ -216,22 +217,28 @@ class GraphProcesses:
         return '\n'.join(''.join(self.output(process)).splitlines()[-lines:])
 
 
-def executable(name: str) -> Path:
-    """Return the path of an executable: of this package, of another ROS package, on the PATH.
+def executable(name: str) -> list[str]:
+    """Return the words that start an executable: of this package, of another ROS package, a path.
 
-    A name with a slash is a path, and not looked for.  Raises a FileNotFoundError without one.
+    A name with a slash is a path, and not looked for.  Where pip has installed this package, the
+    words are those of the command ``ca_ros NAME``.  Raises a FileNotFoundError without one.
     """
-    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
-    libraries = [Path(prefix, 'lib') for prefix in prefixes]
-    places = [
-        *(library / 'ca_ros' for library in libraries), Path(sysconfig.get_path('scripts')),
-        *(package for library in libraries for package in library.glob('*')),
-        os.environ.get('PATH', os.defpath),
-    ]
-    path = shutil.which(name, path=os.pathsep.join(map(str, places)))
-    if path is None:
-        raise FileNotFoundError(f"no executable '{name}': is its package installed, or sourced?")
-    return Path(path)
+    libraries = [
+        Path(prefix, 'lib') for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+        if prefix]
+    others = [package for library in libraries for package in library.glob('*')]
+    scripts, path = sysconfig.get_path('scripts'), os.environ.get('PATH', os.defpath)
+    if found := _which(name, [library / 'ca_ros' for library in libraries]):
+        return [found]
+    if name in COMMANDS and (found := _which('ca_ros', [scripts, path])):
+        return [found, name]
+    if found := _which(name, [scripts, *others, path]):
+        return [found]
+    raise FileNotFoundError(f"no executable '{name}': is its package installed, or sourced?")
+
+
+def _which(name: str, places: Iterable[str | Path]) -> str | None:
+    return shutil.which(name, path=os.pathsep.join(map(str, places)))
 
 
 @contextmanager

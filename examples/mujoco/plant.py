@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """A plant in MuJoCo: rotor speeds in, the vehicle's state out, as docs/plant.md describes.
 
-    bringup --plant "python3 examples/mujoco/plant.py" --mode lockstep --vehicle x8
+    ca_ros bringup --plant "python3 examples/mujoco/plant.py" --mode lockstep --vehicle x8
 
 The parameters are those of `simulator`; MuJoCo moves the vehicle, by RK4.
 """

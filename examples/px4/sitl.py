@@ -81,7 +81,7 @@ class Sitl:
 
     def node(self, name: str, *arguments: str) -> None:
         """Start a node of ca_ros."""
-        self.start(name, [executable(name), *arguments])
+        self.start(name, [*executable(name), *arguments])
 
     def kill(self, name: str) -> None:
         """End a process at once, as a crash would."""

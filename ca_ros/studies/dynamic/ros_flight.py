@@ -44,7 +44,7 @@ def fly_over_ros(case: Case, method: str, duration: float, words: Sequence[str])
         own['allocation.method'] = method
         parameters = {'/**': {'ros__parameters': own}}
         (out / 'vehicle.yaml').write_text(yaml.safe_dump(parameters), encoding='utf-8')
-        command = [sys.executable, '-m', 'ca_ros_commands', 'bringup', '--mode', 'lockstep']
+        command = [sys.executable, '-m', 'ca_ros_cli', 'bringup', '--mode', 'lockstep']
         command += ['--figures', 'none']
         command += ['--duration', repr(duration), '--out', folder]
         command += ['--vehicle', str(out / 'vehicle.yaml'), *words]

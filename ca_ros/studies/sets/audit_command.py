@@ -1,11 +1,13 @@
-"""``python -m ca_ros audit``: which axes a vehicle's rotors can control, and after each loss."""
+"""``ca_ros audit``: which axes a vehicle's rotors can control, and after each loss."""
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 from itertools import zip_longest
 
 import numpy as np
 
+from ca_ros.arguments import command
 from ca_ros.control.controller_settings import ControlSettings
 from ca_ros.nodes.settings import AllocatorSettings, load_for
 from ca_ros.problem.audit import Audit, accept, audit
@@ -13,12 +15,6 @@ from ca_ros.problem.controllability import lift, unit
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.failures import read_failures, with_failures
 from ca_ros.vehicle.vehicle import Vehicle
-
-COMMAND = (
-    'audit',
-    "say which axes a vehicle's rotors can control, and what is left after the loss of each; the "
-    'exit code is 1 if the nodes would refuse the vehicle',
-)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -97,3 +93,6 @@ def _row(report: Audit, axes: Sequence[str]) -> list[str]:
         margin = 'too many rotors'
     ends = (report.ends(axis) if axis in report.authority else '-' for axis in axes)
     return [lost, margin, *ends]
+
+
+main = partial(command, 'audit', add_options, run)

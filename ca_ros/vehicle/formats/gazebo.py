@@ -5,8 +5,10 @@ and never negative, in both senses of rotation.
 """
 
 import argparse
+from functools import partial
 from xml.etree import ElementTree
 
+from ca_ros.arguments import command
 from ca_ros.vehicle.servos import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -44,9 +46,6 @@ def motor_models(vehicle: Vehicle) -> str:
     return '\n'.join(blocks)
 
 
-COMMAND = 'gazebo-motors', "print Gazebo's motor models of a vehicle, for its SDF"
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument('vehicle', help='a shipped vehicle or a parameter file')
@@ -55,3 +54,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Print the motor models."""
     print(motor_models(Vehicle.load(options.vehicle)))
+
+
+main = partial(command, 'gazebo-motors', add_options, run)

@@ -1,14 +1,15 @@
-"""``python -m ca_ros from-urdf``: a parameter file from a URDF, with its rotor links by name."""
+"""``ca_ros from-urdf``: a parameter file from a URDF, with its rotor links by name."""
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 
-from ca_ros.arguments import add_rotor_numbers
+from ca_ros.arguments import add_rotor_numbers, command
 from ca_ros.arrays import Array
 from ca_ros.input_files import read_text
 from ca_ros.settings import ParameterError
@@ -131,12 +132,6 @@ def _number(name: str, element: ElementTree.Element | None, key: str) -> float:
         raise ParameterError(f'{name}: <inertial> without a number {key}') from None
 
 
-COMMAND = (
-    'from-urdf',
-    'print a parameter file from a URDF: mass, inertia, and the places of its rotor links',
-)
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument('file', type=Path, help='a URDF, after xacro')
@@ -168,3 +163,6 @@ def run(options: argparse.Namespace) -> None:
     except ValueError as error:
         raise ParameterError(f'{options.file}: {error}') from None
     print(text, end='')
+
+
+main = partial(command, 'from-urdf', add_options, run)
