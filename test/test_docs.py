@@ -95,7 +95,7 @@ def clone(tmp_path):
             f'#!{sys.executable}\nimport os, re, sys\n'
             "words = [re.sub('(?<=[0-9]@)[0-9.]+', '0.1', word) for word in sys.argv[1:]]\n"
             "words += ['--'] * ('--ros-args' in words)\n"
-            f'short = {SHORT}.get(words[0] if {name!r} == "ca_ros" else {name!r}, "")\n'
+            f'short = {SHORT}.get((words[:{name == "ca_ros"}] or [{name!r}])[0], "")\n'
             f'os.execv({program!r}, [sys.argv[0], *words, *short.split()])\n',
             encoding='utf-8')
         file.chmod(0o755)
