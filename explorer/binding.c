@@ -242,8 +242,8 @@ static void pseudo_inverse(const ca_problem *p, const ca_real *u)
     }
 }
 
-/* Allocate the demand with a method; sets all results but the polygons. */
-SHARED void allocate(int method)
+/* Allocate the demand with a method; sets all results but the polygons and the explanation. */
+static void answer(int method)
 {
     const ca_real allowed = 1e-9 * ca_max(1, ca_length(m, demand));
     ca_real missed[CA_M];
@@ -253,10 +253,9 @@ SHARED void allocate(int method)
     if (m == 0)
         ca_copy(n, lower, thrusts);
     else if (method == EXACT) {
-        const ca_answer answer = ca_allocate(&problem, demand, thrusts);
-        status = answer.status;
-        level = answer.level;
-        ca_explain(&problem, demand, thrusts, &why);
+        const ca_answer found = ca_allocate(&problem, demand, thrusts);
+        status = found.status;
+        level = found.level;
     } else
         pseudo_inverse(method == CLIPPED ? &current : &once, demand);
     for (int i = 0; i < n; i++) {
@@ -270,4 +269,12 @@ SHARED void allocate(int method)
     if (m && method != EXACT)
         status = ca_length(m, missed) <= allowed ? CA_EXACT : CA_INEXACT;
     speeds_of(thrusts, speeds);
+}
+
+/* Allocate the demand with a method; sets all results but the polygons. */
+SHARED void allocate(int method)
+{
+    answer(method);
+    if (m && method == EXACT)
+        ca_explain(&problem, demand, thrusts, &why);
 }

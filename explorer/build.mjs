@@ -15,7 +15,7 @@ try {
   execFileSync('clang', ['--target=wasm32', '-std=c99', '-O2', '-ffreestanding', '-nostdlib',
     '-ffp-contract=off', '-mbulk-memory', '-fvisibility=hidden', '-Wall', '-Wextra', '-Werror',
     `-I${here}/freestanding`, `-I${kernel}`,
-    join(here, 'binding.c'), ...parts, '-Wl,--no-entry,--export-dynamic,-z,stack-size=262144', '-o', wasm],
+    join(here, 'flight.c'), ...parts, '-Wl,--no-entry,--export-dynamic,-z,stack-size=262144', '-o', wasm],
   {stdio: 'inherit'});
   const names = readdirSync(join(root, 'config')).filter((name) => name.endsWith('.yaml'));
   const vehicles = Object.fromEntries(names.map((name) => [name.slice(0, -5), read(root, 'config', name)]));

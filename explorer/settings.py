@@ -3,13 +3,17 @@
 import json
 
 from ca_ros.allocation.settings import AllocatedVehicleSettings
+from ca_ros.control.controller_settings import ControllerSettings
 from ca_ros.settings import LARGEST, RENAMED, REQUIRED, SMALLEST, table
 from ca_ros.vehicle.settings import MovingBodySettings
 
 
 def settings():
     """Return the settings that the page checks, and their old names, for the page's build."""
-    known = {**table(AllocatedVehicleSettings), **table(MovingBodySettings, 'vehicle.')}
+    known = {
+        **table(AllocatedVehicleSettings), **table(MovingBodySettings, 'vehicle.'),
+        **table(ControllerSettings, 'controller.'),
+    }
     fields = {
         name: {
             'words': str in field.kinds, 'whole': int in field.kinds, 'array': field.array,

@@ -4,6 +4,8 @@ import json
 import re
 import shutil
 import warnings
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,14 +15,20 @@ from ca_ros import AdmissibleSet, Exact, Vehicle, control_allocation_matrix, mak
 from ca_ros.__main__ import main
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.settings import AllocatedVehicleSettings
+from ca_ros.control.waypoint import Waypoint
 from ca_ros.explore import PAGE
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.settings import check_given, renamed, table
+from ca_ros.simulation import closed_loop
+from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
+from ca_ros.studies.cases import Case
 from ca_ros.studies.comparison import FixedPseudoInverse
+from ca_ros.studies.dynamic.manoeuvres import unlimited, upset
 from ca_ros.vehicle.failures import read_failures, with_failures
 from ca_ros.vehicle.files import config_directory, read
 from ca_ros.vehicle.settings import MovingBodySettings
+from ca_ros.vehicle.state import NULL_STATE
 from strategies import need_kernel
 
 need_kernel()
@@ -523,3 +531,47 @@ def test_one_rotor_is_no_plural(page):
 def test_the_command_refuses_rotors_that_tilt(tmp_path, capsys):
     assert main(['explore', 'tricopter', '--out', str(tmp_path / 'page.html')]) == 1
     assert 'fixed rotors only' in capsys.readouterr().err
+
+
+FLY = """async ([yaml, method, goal, state, failures]) => {
+  const vehicle = explorer.readVehicle(yaml), kernel = await explorer.loadKernel();
+  const flight = new explorer.Flight(kernel, vehicle, method, vehicle, goal, state), flown = [];
+  for (let step = 0; step < 6000; step++) {
+    failures.filter(([, at]) => at === step).forEach(([rotor]) => flight.fail(rotor));
+    const {state, status} = flight.advance(1);
+    flown.push([status, ...state.slice(0, 3)]);
+  }
+  return flown;
+}"""
+
+
+@pytest.mark.parametrize('method', ['exact', 'pseudo_inverse'])
+@pytest.mark.parametrize(('name', 'goal', 'state', 'failures'), [
+    ('hexarotor', (0.0, 0.0, 0.0, 0.0), upset(110.0, 40.0), []),
+    ('hexarotor', (2.0, 1.0, 1.0, 0.0), NULL_STATE, [(0, 1000)]),
+    ('x8', (1.0, 0.0, 0.0, 1.0), upset(60.0, 0.0, (6.0, 6.0, 6.0)), []),
+    ('rov', (1.0, 0.5, -1.0, 1.0), NULL_STATE, [(4, 500)]),
+], ids=['upset', 'rotor lost', 'spin', 'underwater'])
+def test_a_flight_in_the_page_is_that_of_python(
+        page, name, goal, state, failures, method, monkeypatch):
+    case, answers = Case.load(name, methods=[method], flying=True), []
+
+    def allocate_next(*arguments):
+        answers.append(closed_loop_allocate(*arguments))
+        return answers[-1]
+
+    closed_loop_allocate = closed_loop.allocate_next
+    monkeypatch.setattr(closed_loop, 'allocate_next', allocate_next)
+    lost = RotorFailures(tuple(RotorFailure(i + 1, at / 1e3) for i, at in failures))
+    changes = [
+        replace(each, reconfigure=each.reconfigure and partial(
+            each.reconfigure, changed=unlimited)) for each in case.failing(method, lost)
+    ]
+    flight = closed_loop.fly(
+        unlimited(case.controller()), case.allocator(method), case.body(), Waypoint.of(*goal),
+        6.0, 0.001, state, changes)
+    found = page.evaluate(FLY, [VEHICLES[name], method, goal, state.tolist(), failures])
+    assert [status for status, *_ in found] == [answer.status.name for answer in answers[:-1]]
+    np.testing.assert_allclose([at for _, *at in found], flight.position[1:], atol=1e-6)
+    if method == 'exact':
+        assert flight.position_error(Waypoint.of(*goal)) < 0.1

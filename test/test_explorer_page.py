@@ -17,7 +17,7 @@ from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.files import find
 
 KERNEL = Path(ca_ros.__file__).parent / 'kernel'
-BINDING = Path(__file__).resolve().parents[1] / 'explorer' / 'binding.c'
+BINDING = Path(__file__).resolve().parents[1] / 'explorer' / 'flight.c'  # includes binding.c
 
 
 @pytest.fixture(scope='module')

@@ -10,7 +10,8 @@ const count = (size, make) => Array.from({length: size}, (_, i) => make(i));
 export const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 
 export async function loadKernel() {
-  const {exports} = (await WebAssembly.instantiate(wasm, {})).instance, {buffer} = exports.memory;
+  const {exports} = (await WebAssembly.instantiate(wasm, {env: {atan2: Math.atan2}})).instance;
+  const {buffer} = exports.memory;
   // Numbers of C by name: the kernel exports pointers to them.
   const address = (pointer) => new Int32Array(buffer, pointer.value, 1)[0];
   const find = (name) => exports[`int_${name}`] ? new Int32Array(buffer, address(exports[`int_${name}`]))
@@ -48,6 +49,7 @@ export async function loadKernel() {
       keep_sense: kept.map((axis) => !groups[0].includes(axis) && keeps(axis)),
       thrust: kept.indexOf('thrust'),
       hover: kernelRows(reference),
+      leveling: vehicle.levels && kept.includes('force_x') && kept.includes('force_y'),
     });
     const fault = exports.prepare_vehicle(), left = fault ? [] : kept;
     const byAxis = (values, from = 0) => rowOf.map((row) => row < 0 ? 0 : values[from + row]);
@@ -72,5 +74,19 @@ export async function loadKernel() {
       blocks: rowOf.map((row) => count(n, (i) => c.blocks[row * ROTORS + i])),
     };
   }
-  return {prepare, allocate};
+
+  /** Begin a flight of a vehicle with a body, see `bodyOf`. */
+  function begin(vehicle, settings, goal, state, step) {
+    const {body, ratesAssumed, speedMin, speedMax, n} = vehicle;
+    prepare(vehicle, settings.health, settings);
+    const idle = speedMin.map((least, i) => Math.min(Math.max(least, 0), speedMax[i]));
+    set({...body, goal, state, time_step: step, has_rates: !ratesAssumed, failed: Array(n).fill(0), command: idle});
+  }
+  const fail = (rotor) => { c.failed[rotor] = 1; };
+  const fly = (method, steps, started) => exports.fly(METHODS.indexOf(method), steps, started);
+  const flown = (n) => ({
+    state: get('state', 13), speeds: get('command', n), thrusts: get('thrusts', n), saturation: get('saturation', n),
+    status: STATUS[c.status[0]], margin: c.margin[0],
+  });
+  return {prepare, allocate, begin, fail, fly, flown};
 }

@@ -1,6 +1,7 @@
 // The case that the page shows, what changes it, and the address that carries it.
 import {render} from 'lit-html';
 import {Vector3} from 'three';
+import {Flight} from './flight.js';
 import {loadKernel} from './kernel.js';
 import {page, REACH} from './page.js';
 import {drawSet, drawVehicle} from './pictures.js';
@@ -18,7 +19,7 @@ let shown; // the case: vehicle, name, state (what the controls set) and the att
 let own; // the vehicle that was opened last
 let polygons = {}; // of the sets that are drawn, and what they are for
 let stages; // the pictures
-window.explorer = {change, kernel, readVehicle, bounds, show, times: [], get sets() { return polygons.sets; },
+window.explorer = {change, kernel, loadKernel, Flight, readVehicle, bounds, show, times: [], get sets() { return polygons.sets; },
   get state() { return {name: shown.name, ...shown.state}; }};
 
 /** Do something that a wrong file or address can make fail; say why in one line. */

@@ -60,11 +60,11 @@ function given(text) {
 
 /** Return a function that returns settings by name, and what the file gives of them. */
 export function readSettings(text) {
-  const found = Object.entries(given(text)).filter(([name]) => /^(vehicle|rotors|allocation)(\.|$)/.test(name));
+  const found = Object.entries(given(text)).filter(([name]) => /^(vehicle|rotors|allocation|controller)(\.|$)/.test(name));
   const values = {};
   for (const [name, value] of found) {
     if (Object.hasOwn(FIELDS, name)) values[name] = check(name, value, FIELDS[name]);
-    else insist(!/^(vehicle|rotors|allocation\.exact)\b|^allocation\.\w+$/.test(name), `${name}: no such parameter`);
+    else insist(!/^(vehicle|rotors|controller|allocation\.exact)\b|^allocation\.\w+$/.test(name), `${name}: no such parameter`);
   }
   const get = (name) => {
     const value = values[name] ?? FIELDS[name].default;

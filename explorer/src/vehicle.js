@@ -1,4 +1,5 @@
 // A vehicle from its settings, with the bits of ca_ros.vehicle: the control allocation matrix and the bounds.
+import {bodyOf} from './flight.js';
 import {check, FIELDS, insist, readSettings} from './settings.js';
 
 export const AXES = FIELDS['allocation.axes'].choices;
@@ -118,6 +119,7 @@ export function readVehicle(text) {
     name: get('vehicle.name'), n, axes, arms, directions, forward, speedMin, speedMax, acceleration,
     curve: thrustCurve(get, forward, low, high, throttle),
     reverse: backward.map((k, i) => (k > 0 ? k : forward[i])),
+    body: bodyOf(get, given, wrenches), levels: get('controller.attitude') === 'level',
     gamma: axes.map((axis) => wrenches.map((wrench) => wrench[AXES.indexOf(axis)])),
     reference: axes.map((axis) => (axis === 'thrust' ? hover : 0)),
     ratesAssumed: all(rates, false), deceleration: slowing.map((d, i) => d || acceleration[i]), health: each('rotors.health'),
