@@ -40,8 +40,9 @@ class VectoredEngine:
         self._problem, self._settings = problem, settings
         settings.groups(problem.axes)
         refuse_limits(airmode_limits(settings.airmode_limit))
-        preference = settings.preference(problem) or ()
-        self._solver = sets_newton(problem.gamma, problem.sets, *preference)
+        preference = settings.preference(problem)
+        self._solver = problem.least_norm if preference is None else sets_newton(
+            problem.gamma, problem.sets, *preference)
         self.engine = self._solver.engine
 
     @cached_property
@@ -55,8 +56,8 @@ class VectoredEngine:
         if serving.begin is not None:
             return serving.begin
         way = serving.reference - middle
-        if not way.any():
-            return middle
+        if self._problem.attains_from_middle(way / INSIDE):
+            return serving.reference
         reached = self._solver.line(middle, way, 1.0 / INSIDE).length
         return np.asarray(middle + min(1.0, INSIDE * reached) * way, float)
 
@@ -89,13 +90,17 @@ class VectoredEngine:
     @property
     def fields(self) -> dict[str, Array | float]:
         """The fields of ``ca_vectored`` in C."""
+        return fields_of(self._solver, **self._policy)
+
+    @property
+    def _policy(self) -> dict[str, Array | float]:
         prioritizes = self._settings.status is Status.PRIORITIZED
         given = self._serve.fields if prioritizes else {'reference': self._serving.reference}
-        return fields_of(
-            self._solver, slack=self._settings.residual_slack, policy=float(self._settings.status),
-            begin=self._begin, on_reference=float(self._serving.begin is not None),
-            resting=self._problem.resting_thrusts, **given,
-        )
+        return {
+            'slack': self._settings.residual_slack, 'policy': float(self._settings.status),
+            'begin': self._begin, 'on_reference': float(self._serving.begin is not None),
+            'resting': self._problem.resting_thrusts, **given,
+        }
 
     def kernel(self) -> Any:
         """Return the same in C, which has `allocate` and `allocate_batch`; None without."""
@@ -103,7 +108,7 @@ class VectoredEngine:
         if not isinstance(solver, KernelNewton):
             return None
         fits = solver.prioritizes or status is not Status.PRIORITIZED
-        return solver.with_fields(self.fields) if fits else None
+        return solver.with_policy(**self._policy) if fits else None
 
     def allocate(self, u: Array, demand: Array, thrusts: Array) -> tuple[int, float] | None:
         """Copy u to `demand`, and write its vectors; see `ca_ros.kernel.Kernel.allocate`."""

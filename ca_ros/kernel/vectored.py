@@ -5,7 +5,7 @@
 
 import re
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, cached_property
 from math import prod
 from os import environ
 from typing import Any
@@ -98,11 +98,18 @@ class KernelNewton(SetsNewton):
         super().__init__(*given)
         self._module = module
         self.prioritizes = self.sets.n + len(self.matrix) <= module.N
-        self._kernel = self.with_fields(fields_of(self))
 
-    def with_fields(self, fields: Mapping[str, Array | float]) -> Any:
-        """Return a `Vectored` of the extension module."""
-        return made(self._module, fields)
+    @cached_property
+    def _fields(self) -> dict[str, Array | float]:
+        return fields_of(self)
+
+    @cached_property
+    def _kernel(self) -> Any:
+        return self.with_policy()
+
+    def with_policy(self, **policy: Array | float) -> Any:
+        """Return a `Vectored` of the extension module; see `fields_of`."""
+        return made(self._module, self._fields | policy)
 
     def solve(self, wrenches: Array) -> SetsSolution:
         size, (m, n) = len(wrenches), self.matrix.shape
@@ -133,4 +140,4 @@ def priorities(solver: SetsNewton, fields: Mapping[str, Array]) -> Any:
     """Return a `Vectored` that prioritizes; None if NumPy is to do it."""
     if not isinstance(solver, KernelNewton) or not solver.prioritizes:
         return None
-    return solver.with_fields(fields_of(solver, **fields))
+    return solver.with_policy(**fields)

@@ -227,15 +227,21 @@ class AllocationProblem:
         outside = np.abs(begin + beyond * way - self.center) >= self.extent
         if outside.any() or self._decomposition is None:
             return False
-        # The least shares of the half ranges that give the reference.  Singular values are greater
-        # than 1e-9, so rounding changes the shares by less than 1e-3.
+        # Singular values are greater than 1e-9, so rounding changes less than 1e-3 of the way.
+        return self.attains_from_middle(INSIDE * way) or self.reach(begin, way, 2.0) > beyond
+
+    def attains_from_middle(self, way: Array) -> bool:
+        """Tell whether the wrench of the middles plus a way (m,) is attainable for sure.
+
+        It is if the least shares of the half ranges that give it are within the bounds.
+        """
+        if self._decomposition is None:
+            return False
         left, singular, right = self._decomposition
         sizes = np.abs(self.gamma * self.half_range).sum(axis=1)
         shares = (way / sizes @ left / singular) @ right
-        thrusts = self.middle + INSIDE * self.half_range * shares
-        if (self.clip(thrusts) == thrusts).all():
-            return True
-        return self.reach(begin, way, 2.0) > beyond
+        thrusts = self.middle + self.half_range * shares
+        return bool((self.clip(thrusts) == thrusts).all())
 
     @property
     def n(self) -> int:

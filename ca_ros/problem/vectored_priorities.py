@@ -62,17 +62,22 @@ class VectoredPrioritization:
         first = self.groups[0]
         middle = problem.gamma[first] @ problem.middle
         wanted = (self.reference if begin is None else begin)[first]
-        reached = sets_newton(problem.gamma[first], problem.sets).line(
-            middle, wanted - middle, 1.0 / INSIDE).length
-        share = min(1.0, INSIDE * reached)
+        way, share = np.zeros(len(problem.axes)), 1.0
+        way[first] = (wanted - middle) / INSIDE
+        if not problem.attains_from_middle(way):
+            reached = sets_newton(problem.gamma[first], problem.sets).line(
+                middle, wanted - middle, 1.0 / INSIDE).length
+            share = min(1.0, INSIDE * reached)
         self.begin = wanted if share > 1.0 - 1e-9 else middle + share * (wanted - middle)
-        self.senses: list[int] = []
-        served = problem.gamma @ self._answer(self.reference)[0]
-        off = np.abs(served - self.reference) / problem.extent
         keeps = [problem.axes.index(axis) for axis in sensed(named, thrust_deviation)]
-        self.senses = [row for row in keeps if off[row] <= 10.0 * YIELD]
-        # That above was without senses.
-        vars(self).pop('_kernel', None)
+        self.senses: list[int] = []
+        if not (self.reference == problem.reference).all() or not problem.reference_inside:
+            served = problem.gamma @ self._answer(self.reference)[0]
+            off = np.abs(served - self.reference) / problem.extent
+            keeps = [row for row in keeps if off[row] <= 10.0 * YIELD]
+            # That was without senses.
+            vars(self).pop('_kernel', None)
+        self.senses = keeps
 
     def __call__(self, u: Array) -> Served:
         """Return the served wrenches for demands (..., m) [N, N m]."""

@@ -159,7 +159,7 @@ def thrust_sets(vehicle: Vehicle) -> list[tuple[ConvexSet, Array]]:
     """Return the set of each rotor's thrust vectors, and the directions of its components."""
     tilts, found = vehicle.tilts, list[tuple[ConvexSet, Array]]()
     assert tilts is not None
-    middles, quarters = tilts.turned((tilts.lower + tilts.upper) / 2.0)
+    middles, quarters = tilts.middles
     limits = zip(vehicle.thrust_min.tolist(), vehicle.thrust_max.tolist(), strict=True)
     for i, (least, most) in enumerate(limits):
         span, cone = float(tilts.upper[i] - tilts.lower[i]), float(tilts.gimbal[i])

@@ -103,14 +103,15 @@ class ConvexSets:
         sectors = [(each, k) for each, k in placed if isinstance(each, Sector)]
         groups = [[pair for pair in sectors if pair[0].size == size] for size in (2, 3)]
         self._groups = [_Sectors(group) for group in groups if group]
-        # Beside other components of zero only this one's set counts, but all are summed.
-        rest = self.support(np.zeros(self.n))
-        self.lower = -(self.support(-np.eye(self.n)) - rest)
-        self.upper = self.support(np.eye(self.n)) - rest
-        self.inner = np.zeros(self.n)
+        self.lower, self.upper, self.inner = np.zeros((3, self.n))
+        self.lower[self._line], self.upper[self._line] = self._low, self._high
         self.inner[self._line] = 0.5 * (self._low + self._high)
         for group in self._groups:
-            self.inner[group.places[:, 0]] = group.middle
+            along, across = group.places[:, 0], group.places[:, 1:]
+            self.lower[along], self.upper[along], width = group.box
+            self.upper[across] = width[:, None]
+            self.lower[across] = -self.upper[across]
+            self.inner[along] = group.middle
 
     def project(self, points: Array) -> Array:
         """Return the nearest points (..., n) of the sets."""
@@ -212,6 +213,13 @@ class _Sectors:
         self._flank = (self._begin < self._radius) & ~self._full
         inner = self._least + 0.6 * (self._radius - self._least)
         self.middle = np.where(self._full, 0.0, inner)
+
+    @property
+    def box(self) -> tuple[Array, Array, Array]:
+        """Least and greatest component along the axis, and the greatest across (k,)."""
+        least = np.where(self._full, -self._radius, np.minimum(self._end, self._least))
+        width = np.where(self._full, self._radius, np.maximum(self._across, self._inner))
+        return least, self._radius, width
 
     def project(self, points: Array) -> tuple[Array, Any, Array, Array, Array, Array]:
         """Return nearest points, the number of the case, and the half plane's coordinates.

@@ -85,6 +85,11 @@ class Tilts:
         )
 
     @cached_property
+    def middles(self) -> tuple[Array, Array]:
+        """Directions (n, 3) in the middles of the tilt ranges, and a quarter turn further."""
+        return self.turned((self.lower + self.upper) / 2.0)
+
+    @cached_property
     def endless(self) -> BoolArray:
         """Whether each servo (k,) turns an azimuth thruster."""
         return (self.upper - self.lower)[self.rotors] > 2.0 * pi - ROUNDING

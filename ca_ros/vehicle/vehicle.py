@@ -258,7 +258,8 @@ class Vehicle:
         `pairs` (2 k,), or 0 for none: see `RotorSettings.stuck_servos`.
         """
         flat = np.ravel(np.asarray(pairs, dtype=float))
-        sound = self if self.tilts is None else replace(self, tilts=self.tilts.sound)
+        stuck = self.tilts is not None and self.tilts.unstuck is not None
+        sound = replace(self, tilts=self.tilts.sound) if self.tilts and stuck else self
         if flat.tolist() == [0.0]:
             return sound
         if len(flat) % 2 or (flat[::2] % 1.0).any():
