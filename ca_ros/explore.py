@@ -52,8 +52,7 @@ def page(vehicle: str | None = None) -> str:
     text = PAGE.read_text(encoding='utf-8')
     if vehicle is None:
         return text
-    if Vehicle.load(vehicle).tilts is not None:
-        raise ParameterError(f'{vehicle}: rotors that tilt: the explorer knows fixed rotors only')
+    Vehicle.load(vehicle).servos.refuse('explorer')
     given = read(vehicle)
     for name in (f'rotors.thrust_curve.{table}' for table in TABLES):
         if np.any(given.get(name, 0.0)):

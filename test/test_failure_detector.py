@@ -598,7 +598,7 @@ def windows(rng, spread=1.0, lost=0.0):
 
 
 def test_the_score_is_the_reduction_of_chi_square():
-    find = FailureTest(rotor_wrenches(HEXAROTOR), None, 1e6, DetectorSettings())
+    find = FailureTest(rotor_wrenches(HEXAROTOR), HEXAROTOR.servos, 1e6, DetectorSettings())
     lacked, given, variance = windows(np.random.default_rng(0), lost=0.6)
     found = find(lacked, given, variance, np.ones(6))
     scale = variance[0] ** -0.5
@@ -611,7 +611,7 @@ def test_the_score_is_the_reduction_of_chi_square():
 
 
 def test_the_score_of_a_servo_is_the_reduction_of_chi_square_at_its_angle():
-    tilts, rng = Vehicle.load('hexarotor_tilting').tilts, np.random.default_rng(0)
+    tilts, rng = Vehicle.load('hexarotor_tilting').servos, np.random.default_rng(0)
     lacked, given = rng.standard_normal((2, 6)), rng.standard_normal((2, 6, 18))
     weights, health = rng.uniform(0.5, 2.0, (2, 6)), rng.uniform(0.5, 1.0, 6)
     # In the second window servo 4 sticks at 0.5 rad.
@@ -634,7 +634,7 @@ def test_false_alarms_are_as_rare_as_promised():
     # One window, six rotors: with 1e4 tests an hour and 1e3 false alarms, one score in ten tests
     # of Gaussian noise at most is over the limit, and by the two senses of a loss half as many.
     wrenches = rotor_wrenches(HEXAROTOR)
-    find = FailureTest(wrenches, None, 1e4, DetectorSettings(false_alarms=1e3))
+    find = FailureTest(wrenches, HEXAROTOR.servos, 1e4, DetectorSettings(false_alarms=1e3))
     assert find.limit == pytest.approx(chdtri(1, 1e3 / 1e4 / 6.0), rel=1e-9)
     rng = np.random.default_rng(1)
     over = sum(find(*windows(rng), np.ones(6)).score > find.limit for _ in range(2000))
@@ -643,7 +643,7 @@ def test_false_alarms_are_as_rare_as_promised():
 
 def test_two_opposite_rotors_may_be_a_load():
     wrenches = rotor_wrenches(HEXAROTOR)
-    find = FailureTest(wrenches, None, 1e6, DetectorSettings())
+    find = FailureTest(wrenches, HEXAROTOR.servos, 1e6, DetectorSettings())
     _, given, variance = windows(np.random.default_rng(0))
     for second, named in ((1, (0, 1)), (3, ())):
         lacked = -0.16 * (0.9 * wrenches[:, 0] + 0.9 * wrenches[:, second])

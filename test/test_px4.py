@@ -235,7 +235,7 @@ TILT = ''.join(f'param set-default CA_{line}\n' for line in (
 
 
 def test_a_rotor_that_px4_tilts_to_the_right(vehicle):
-    tilts = vehicle(QUAD_X + TILT).tilts
+    tilts = vehicle(QUAD_X + TILT).servos
     assert tilts.rotors == [2]
     assert_allclose(np.degrees(tilts.limits), [[-30], [45]])
     # At 30 degrees it points half to the right, which is -y here.
@@ -251,8 +251,8 @@ def test_a_tricopter_to_px4_and_back(vehicle):
     assert given['CA_SV_TL0_CT'] == 1
     assert given['CA_SV_TL0_MAXA'] == pytest.approx(np.degrees(0.6))
     back = vehicle(parameters.text(given, 'airframe'))
-    assert_allclose(back.tilts.directions(np.array([0.4]))[0],
-                    tricopter.tilts.directions(np.array([0.4]))[1], atol=1e-8)
+    assert_allclose(back.servos.directions(np.array([0.4]))[0],
+                    tricopter.servos.directions(np.array([0.4]))[1], atol=1e-8)
     for name, words in (('hexarotor_tilting', 'up to 4'), ('omnidirectional_gimbals', 'up to 4'),
                         ('azimuth_boat', 'upwards')):
         with pytest.raises(ValueError, match=words):

@@ -15,7 +15,7 @@ from ca_ros.simulation.plant import Plant, body_of
 from ca_ros.simulation.plant_settings import PlantSettings
 from ca_ros.studies.cases import Case
 from ca_ros.vehicle import files
-from ca_ros.vehicle.motor_lag import Servos
+from ca_ros.vehicle.motor_lag import ServoLag
 from ca_ros.vehicle.state import NULL_STATE, tilt
 
 pytestmark = pytest.mark.slow
@@ -127,7 +127,7 @@ def test_azimuth_thrusters_turn_on_beyond_their_limits(side):
     answer = TiltLimited(vehicle, 1e6, 6.0).allocate(wrench, np.full(4, 63.0), before, 0.02)
     assert answer.status.name == 'EXACT'
     np.testing.assert_allclose(answer.angles, side * (0.05 - np.pi), atol=1e-9)
-    servos = Servos(0.0, 3.0, vehicle)
+    servos = ServoLag(0.0, 3.0, vehicle)
     turned = servos.move(before, answer.angles, 0.02, vehicle)
     np.testing.assert_allclose(turned, side * (np.pi + 0.01 - 2.0 * np.pi), atol=1e-12)
 

@@ -52,9 +52,9 @@ def test_failures_are_read_and_named():
     with pytest.raises(ParameterError, match='no rotor of this vehicle tilts'):
         Vehicle.load('hexarotor').with_stuck_servos([1.0, 0.2])
     again = HEXAROTOR.with_stuck_servos([1.0, 0.2]).with_stuck_servos([1.0, 0.3, 4.0, -1.0])
-    assert again.tilts.stuck_rotors == [0, 3]
-    assert again.tilts.lower[[0, 3]].tolist() == [0.3, -1.0]
-    assert again.with_stuck_servos(0.0).tilts.limits[0].tolist() == [-1.0] * 6
+    assert again.servos.stuck_rotors == [0, 3]
+    assert again.servos.lower[[0, 3]].tolist() == [0.3, -1.0]
+    assert again.with_stuck_servos(0.0).servos.limits[0].tolist() == [-1.0] * 6
 
 
 @pytest.mark.parametrize(('name', 'duration', 'goals', 'failures', 'settings'), [
@@ -84,7 +84,7 @@ def test_flights_over_ros_equal_those_offline_to_the_last_bit(
     out, err = graph.outlive(process)
     assert 'within bounds' in out, out + err
     assert (tmp_path / 'flight.csv').read_bytes() == offline.read_bytes()
-    low, high = case.vehicle.tilts.limits
+    low, high = case.vehicle.servos.limits
     assert (np.abs(np.diff(flight.angles, axis=0)) > 0.0).any()
     assert ((flight.angles >= low) & (flight.angles <= high)).all()
     if settings is RATES:

@@ -387,7 +387,7 @@ def test_speeds_and_angles_give_the_wrench(name):
     vehicle = Vehicle.load(name)
     problem, allocator = VehicleProblem(vehicle), make_allocator('exact', vehicle)
     rng = np.random.default_rng(5)
-    low, high = vehicle.tilts.limits
+    low, high = vehicle.servos.limits
     vectors = rng.uniform(1.3 * problem.lower, 1.3 * problem.upper, (20, problem.n))
     for u in problem.clip(vectors) @ problem.gamma.T:
         answer = allocator.allocate(u)
@@ -396,7 +396,7 @@ def test_speeds_and_angles_give_the_wrench(name):
         assert (angles <= high).all()
         assert (vehicle.speed_limits[0] <= answer.speeds).all()
         assert (answer.speeds <= vehicle.speed_limits[1]).all()
-        forces = vehicle.thrusts(answer.speeds)[:, None] * vehicle.tilts.directions(angles)
+        forces = vehicle.thrusts(answer.speeds)[:, None] * vehicle.servos.directions(angles)
         ratios = vehicle.spins * vehicle.torque_coefficient / vehicle.thrust_coefficient
         torques = np.cross(vehicle.arms, forces) + ratios[:, None] * forces
         full = dict(zip(AXES, [*forces.sum(axis=0), *torques.sum(axis=0)], strict=True))
@@ -508,18 +508,18 @@ def test_any_command_is_reached_within_the_rates(name):
     """The wrench of a command within the rates is attainable in the next step, or nearly so."""
     vehicle, rng = Vehicle.load(name), np.random.default_rng(6)
     limited = TiltLimited(vehicle, 500.0, 2.0)
-    low, high = vehicle.tilts.limits
+    low, high = vehicle.servos.limits
     for _ in range(length(3, 10)):
         speeds = rng.uniform(*vehicle.speed_limits)
         angles = rng.uniform(low, high)
-        if vehicle.tilts.gimbal.any():
+        if vehicle.servos.gimbal.any():
             angles *= 0.5
         u = VehicleProblem(vehicle).center + rng.normal(size=len(vehicle.axes))
         answer = limited.allocate(u, speeds, angles, 0.02)
         assert np.abs(answer.speeds - speeds).max() <= 500.0 * 0.02 + 1e-9
         assert turn(angles, answer.angles).max() <= 2.0 * 0.02 + 1e-9
         # To hold the command is in the sets.
-        forces = vehicle.thrusts(speeds)[:, None] * vehicle.tilts.directions(angles)
+        forces = vehicle.thrusts(speeds)[:, None] * vehicle.servos.directions(angles)
         problem = answer.problem
         held = np.concatenate([
             rows @ force for (_, rows), force in zip(problem.windows, forces, strict=True)

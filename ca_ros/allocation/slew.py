@@ -150,9 +150,8 @@ def within_rates(allocator: Allocator) -> SlewLimited | TiltLimited | None:
     problem, rates = allocator.problem, rates_of(allocator.problem)
     if not isinstance(problem, TiltingVehicleProblem):
         return None if rates is None else SlewLimited(allocator)
-    tilts = problem.vehicle.tilts
-    assert tilts is not None
-    turning = tilts.rate_max[tilts.rotors]
+    servos = problem.vehicle.servos
+    turning = servos.rate_max[servos.rotors]
     if problem.vehicle.powerless or (rates is None and not turning.any()):
         return None
     if not isinstance(allocator, Exact):

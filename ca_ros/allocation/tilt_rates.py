@@ -14,7 +14,7 @@ from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import ConvexSet, Interval, Sector
-from ca_ros.vehicle.servos import FIXED, Tilts
+from ca_ros.vehicle.servos import FIXED, Servos
 from ca_ros.vehicle.validation import numbers
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -55,14 +55,14 @@ class TiltLimited:
         self, vehicle: Vehicle, speed_rate: ArrayLike, tilt_rate: ArrayLike,
         settings: ExactSettings | None = None, braking: ArrayLike | None = None,
     ) -> None:
-        if vehicle.tilts is None:
+        if not len(vehicle.servos):
             raise ParameterError('vehicle: no rotor tilts; SlewLimited takes this vehicle')
-        self.vehicle, self._tilts = vehicle, vehicle.tilts
+        self.vehicle, self._servos = vehicle, vehicle.servos
         self.settings = ExactSettings() if settings is None else settings
         self.speed_rate = numbers('speed_rate', speed_rate, vehicle.n)
         self.braking = self.speed_rate if braking is None else numbers(
             'braking', braking, vehicle.n)
-        self.tilt_rate = numbers('tilt_rate', tilt_rate, len(self._tilts.rotors))
+        self.tilt_rate = numbers('tilt_rate', tilt_rate, len(self._servos.rotors))
         if not all((each > 0.0).all() for each in (self.speed_rate, self.braking, self.tilt_rate)):
             raise ParameterError('speed_rate, braking, tilt_rate: expected positive numbers')
 
@@ -89,8 +89,8 @@ class TiltLimited:
         if not 0.0 <= period < inf:
             raise ParameterError(f'period: expected 0 s or more, finite, got {period} s')
         last = numbers('speeds', speeds, self.vehicle.n)
-        turned = numbers('angles', angles, len(self._tilts.rotors))
-        turned = self._tilts.within(turned)
+        turned = numbers('angles', angles, len(self._servos.rotors))
+        turned = self._servos.within(turned)
         problem = TiltingVehicleProblem(self.vehicle, self._windows(last, turned, period))
         problem.near = turned
         if not problem.has_volume:
@@ -107,9 +107,9 @@ class TiltLimited:
 
     def _limits(self, answer: Allocation, problem: TiltingVehicleProblem) -> BoolArray:
         """Return whose rates an answer on the boundary is at; see `VectoredProblem.by_rate`."""
-        vehicle, tilts = self.vehicle, self._tilts
+        vehicle, servos = self.vehicle, self._servos
         found = np.zeros(problem.n, dtype=bool)
-        low, high = tilts.limits
+        low, high = servos.limits
         ends = np.column_stack(problem.sets.length_limits).tolist()
         places = zip(problem.windows, problem.sets.first, ends, strict=True)
         for i, ((each, rows), k, (lower, upper)) in enumerate(places):
@@ -120,15 +120,15 @@ class TiltLimited:
             length = float(np.linalg.norm(vector))
             if (above and length >= upper - slack) or (below and vector[0] <= lower + slack):
                 found[k] = True
-            mine = [s for s, rotor in enumerate(tilts.rotors) if rotor == i]
+            mine = [s for s, rotor in enumerate(servos.rotors) if rotor == i]
             if not mine:
                 continue
             if length <= slack:
                 # Without the rate a full disc would give thrust.
-                bound = bool(tilts.endless[mine[0]])
+                bound = bool(servos.endless[mine[0]])
             elif len(mine) == 2:
-                off = _angle(float(vector @ rows @ tilts.nominal[i]) / length)
-                bound = off < tilts.gimbal[i] - AT_END
+                off = _angle(float(vector @ rows @ servos.nominal[i]) / length)
+                bound = off < servos.gimbal[i] - AT_END
             else:
                 turned = float(answer.angles[mine[0]])
                 bound = low[mine[0]] + AT_END < turned < high[mine[0]] - AT_END
@@ -143,15 +143,15 @@ class TiltLimited:
         self, speeds: Array, angles: Array, period: float
     ) -> list[tuple[ConvexSet, Array]]:
         """Return the set of each rotor for the next step, and its directions."""
-        vehicle, tilts = self.vehicle, self._tilts
+        vehicle, servos = self.vehicle, self._servos
         low, high = vehicle.speed_limits
         last = np.minimum(np.maximum(speeds, low), high)
         ends = reached(last, period, self.speed_rate, self.braking, low, high)
         least, most = map(vehicle.thrusts, ends)
-        present, directions = vehicle.thrusts(last), tilts.directions(angles)
+        present, directions = vehicle.thrusts(last), servos.directions(angles)
         found: list[tuple[ConvexSet, Array]] = []
         for i in range(vehicle.n):
-            mine = [k for k, rotor in enumerate(tilts.rotors) if rotor == i]
+            mine = [k for k, rotor in enumerate(servos.rotors) if rotor == i]
             here, thrusts = directions[i], (float(least[i]), float(most[i]))
             held = thrusts[1] - thrusts[0] <= REACHED_MIN * max(1.0, float(vehicle.thrust_max[i]))
             if held or not mine:
@@ -163,10 +163,10 @@ class TiltLimited:
             steps = self.tilt_rate[mine] * period
             if len(mine) == 1:
                 middle, half = self._arc(i, float(angles[mine[0]]), float(steps[0]), away)
-                first, across = tilts.turned(np.full(vehicle.n, middle))
+                first, across = servos.turned(np.full(vehicle.n, middle))
                 rows = np.array([first[i], across[i]])
             else:
-                rows, half = _cap(tilts, i, here, float(angles[mine[1]]), steps, away)
+                rows, half = _cap(servos, i, here, float(angles[mine[1]]), steps, away)
             if half <= FIXED:
                 found.append((Interval(*thrusts), here[None]))
             else:
@@ -177,9 +177,9 @@ class TiltLimited:
     def _arc(self, rotor: int, angle: float, step: float, away: float) -> tuple[float, float]:
         """Return the middle and the half range of the angles that a servo reaches."""
         low, high = angle - step, angle + step
-        if not self._tilts.endless[self._tilts.rotors.index(rotor)]:
-            low = max(low, float(self._tilts.lower[rotor]))
-            high = min(high, float(self._tilts.upper[rotor]))
+        if not self._servos.endless[self._servos.rotors.index(rotor)]:
+            low = max(low, float(self._servos.lower[rotor]))
+            high = min(high, float(self._servos.upper[rotor]))
         return _centered(low, high, angle, away)
 
 
@@ -195,16 +195,16 @@ def _centered(low: float, high: float, angle: float, away: float) -> tuple[float
 
 
 def _cap(
-    tilts: Tilts, rotor: int, here: Array, beta: float, steps: Array, away: float
+    servos: Servos, rotor: int, here: Array, beta: float, steps: Array, away: float
 ) -> tuple[Array, float]:
     """Return the frame and half angle of a cone that a gimbal reaches, inside of its limits."""
-    nominal, limit = tilts.nominal[rotor], float(tilts.gimbal[rotor])
+    nominal, limit = servos.nominal[rotor], float(servos.gimbal[rotor])
     # Within a cap of this size both angles change by at most their steps.
     size = min(float(steps[1]), asin(sin(min(float(steps[0]), pi / 2)) * cos(beta)))
     off = _angle(float(here @ nominal))
     side = here - (here @ nominal) * nominal
     length = float(np.linalg.norm(side))
-    side = side / length if length > 1e-9 else np.cross(tilts.axes[rotor], nominal)
+    side = side / length if length > 1e-9 else np.cross(servos.axes[rotor], nominal)
     middle, half = _centered(max(off - size, -limit), min(off + size, limit), off, away)
     first = cos(middle) * nominal + sin(middle) * side
     across = cos(middle) * side - sin(middle) * nominal

@@ -112,7 +112,7 @@ class Session:
         check(parameters, plan.parameters)
         common = combined(parameters)
         vehicle = Vehicle.from_parameters(common)
-        recorder.samples.expect(vehicle.n, vehicle.tilts is not None)
+        recorder.samples.expect(vehicle.n, len(vehicle.servos))
         timeline = Timeline(recorder, trajectory, plan.failures, parameters, vehicle)
         timeline.update(None, self._spin)
         recorder.send(trajectory.first)

@@ -34,8 +34,8 @@ def draw_flight(
     import matplotlib
 
     with matplotlib.rc_context(style(width)):
-        tilts = vehicle.tilts
-        count = 3 + (tilts is not None) + (served is not None)
+        servos = vehicle.servos
+        count = 3 + (len(servos) > 0) + (served is not None)
         figure, body = sheet(1.0 + 2.0 * count)
         rows = body.subplots(count, 1, sharex=True)
         position, attitude, speeds = rows[:3]
@@ -51,9 +51,9 @@ def draw_flight(
         attitude.plot(flight.time, np.degrees(headings), **DASHED)
         looks = rotor_lines(vehicle.n)
         _lines(speeds, flight.time, flight.speeds, looks, 'rotor speed [rad/s]')
-        if tilts is not None:
-            _angles(rows[3], flight, tilts.rotors, list(looks.values()))
-            for limit in np.unique(tilts.limits):
+        if len(servos):
+            _angles(rows[3], flight, servos.rotors, list(looks.values()))
+            for limit in np.unique(servos.limits):
                 rows[3].axhline(np.degrees(limit), **DASHED)
         if served is not None:
             _lines(rows[-1], flight.time, 100.0 * served.shares, served.axes, 'served [%]')

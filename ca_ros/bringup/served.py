@@ -47,7 +47,7 @@ def served(flown: Flown, trajectory: Trajectory, failures: RotorFailures) -> Ser
         settings = read(ControlSettings, given)
     except ParameterError:
         return None
-    if vehicle.tilts is not None:
+    if len(vehicle.servos):
         return None
     found = np.full((len(flight.time), len(AXES)), np.nan)
     worst: dict[int, tuple[float, int, Controller, Array]] = {}

@@ -54,7 +54,7 @@ def summarize(
         f'  rotor speeds  {", ".join(f"{speed:.1f}" for speed in speeds[-1])} rad/s at the end,',
         f'                {span}, {inside} bounds',
     ]
-    if vehicle.tilts is not None:
+    if len(vehicle.servos):
         ends = ', '.join(f'{angle + 0.0:.3f}' for angle in flight.angles[-1].round(3))
         lines.append(f'  tilt angles   {ends} rad at the end')
     lines += [f'  cut           {text}' for text in cuts]
@@ -63,8 +63,8 @@ def summarize(
         f'rotor {i + 1} lost' if health < HEALTH_MIN else f'rotor {i + 1} at {100.0 * health:g} %'
         for i, health in enumerate(last.health) if health < 1.0
     )
-    if last.tilts is not None and (stuck := last.tilts.stuck_rotors):
-        weak = ', '.join(filter(None, [weak, *(f'servo of rotor {i + 1} stuck' for i in stuck)]))
+    stuck = [f'servo of rotor {i + 1} stuck' for i in last.servos.stuck_rotors]
+    weak = ', '.join(filter(None, [weak, *stuck]))
     if weak:
         axes = f'; lost axes: {", ".join(lost)}' if lost else ''
         lines.append(f'  at the end    {weak}{axes}')
@@ -151,9 +151,7 @@ def _within_bounds(flown: Flown, failures: RotorFailures) -> bool:
     flight, vehicle = flown.flight, flown.vehicle
     times = np.round(flight.time * 1e9)
     before = vehicle
-    commands = flight.speeds
-    if vehicle.tilts is not None:
-        commands = np.column_stack([flight.speeds, flight.angles])
+    commands = np.column_stack([flight.speeds, flight.angles])
     inside = np.ones(commands.shape, dtype=bool)
     for start in [0, *failures.times()]:
         believed = _known(flown, failures, start, told=True)
@@ -173,9 +171,8 @@ def _within_bounds(flown: Flown, failures: RotorFailures) -> bool:
 
 
 def _inside(commands: Array, vehicle: Vehicle) -> BoolArray:
-    low, high = vehicle.speed_limits
-    if vehicle.tilts is not None:
-        low, high = map(np.concatenate, zip((low, high), vehicle.tilts.limits, strict=True))
+    limits = zip(vehicle.speed_limits, vehicle.servos.limits, strict=True)
+    low, high = map(np.concatenate, limits)
     return (commands >= low) & (commands <= high)
 
 

@@ -75,7 +75,7 @@ class FailureDetector:
         self._rotors = CommandedRotors(vehicle, s)
         self._observer = MomentumObserver(vehicle, 1.0 / s.learning_time)
         tests = 3600.0 / BLOCK * len(WINDOWS)
-        self._find = FailureTest(self._rotors.wrenches, vehicle.tilts, tests, s)
+        self._find = FailureTest(self._rotors.wrenches, vehicle.servos, tests, s)
         self._usual = UsualMotion(vehicle, s)
         noises = np.repeat([s.velocity_noise, s.angular_velocity_noise], 3)
         self._moving = (MOVING * noises).tolist()

@@ -7,7 +7,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.detection.detector_settings import DetectorSettings
-from ca_ros.vehicle.servos import Tilts
+from ca_ros.vehicle.servos import Servos
 
 ANGLES = 101  # angles that are tested of each servo
 
@@ -31,7 +31,7 @@ class StuckServo:
 
 
 def stuck_servos(
-    tilts: Tilts, lacked: Array, weights: Array, given: Array, health: Array
+    servos: Servos, lacked: Array, weights: Array, given: Array, health: Array
 ) -> tuple[Array, StuckServo]:
     """Return the score for each rotor (n,), zero without a single servo, and the likeliest.
 
@@ -39,12 +39,12 @@ def stuck_servos(
     with a single servo that sticks at an angle a gives cos(a) p + sin(a) q, where p and q are its
     impulses at the angle zero and after a quarter turn, instead of those at the commanded angles.
 
-    - `tilts`: of a vehicle with at least one rotor that has a single servo
+    - `servos`: with at least one rotor that has a single servo
     - `lacked` (T, 6), `given` (T, 6, n + 2 s) and `health` (n,): as of `FailureTest`
     - `weights` (T, 6): one over the variance of what is lacked
     """
-    n, rotors = len(health), tilts.planar
-    angles = np.linspace(tilts.lower[rotors], tilts.upper[rotors], ANGLES)
+    n, rotors = len(health), servos.planar
+    angles = np.linspace(servos.lower[rotors], servos.upper[rotors], ANGLES)
     own, p, q = given[:, :, rotors], *np.split(given[:, :, n:], 2, axis=2)
     own, p, q = (health[rotors] * each for each in (own, p, q))
     rest = lacked[:, :, None] + own
@@ -119,12 +119,12 @@ class FailureTest:
     If no single rotor explains what is seen, all pairs are tested whose loss cannot be a load.
 
     - `wrenches` (6, n): force and torque per thrust of each rotor
-    - `tilts`: the servos of the rotors
+    - `servos`: of the rotors
     - `tests`: tests in an hour
     """
 
     def __init__(
-        self, wrenches: Array, tilts: Tilts | None, tests: float, settings: DetectorSettings
+        self, wrenches: Array, servos: Servos, tests: float, settings: DetectorSettings
     ) -> None:
         # Here, as the import takes half a second, and only who detects failures needs it.
         from scipy.special import chdtri
@@ -134,7 +134,7 @@ class FailureTest:
         self.odds = 2.0 * log(settings.certainty / (1.0 - settings.certainty))
         self.lever = LEVER * float(np.linalg.norm(wrenches[3:], axis=0).mean())
         self._least_loss = settings.least_loss
-        self._tilts = tilts if tilts is not None and tilts.planar else None
+        self._servos = servos
 
     def __call__(self, lacked: Array, given: Array, variance: Array, health: Array) -> Finding:
         """Test windows.
@@ -153,8 +153,8 @@ class FailureTest:
         rotor = int(best.argmax())
         score, window = float(best[rotor]), int(scores[:, rotor].argmax())
         stuck = None
-        if self._tilts is not None:
-            of_servos, stuck = stuck_servos(self._tilts, lacked, weights, everything, health)
+        if self._servos.planar:
+            of_servos, stuck = stuck_servos(self._servos, lacked, weights, everything, health)
             best = np.maximum(best, of_servos)
             seen = float(weights[stuck.window] @ lacked[stuck.window] ** 2)
             if stuck.score > max(score, EXPLAINED * seen):

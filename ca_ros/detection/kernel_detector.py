@@ -103,7 +103,7 @@ def make_detector(vehicle: Vehicle, settings: DetectorSettings | None = None) ->
     for.
     """
     detector = FailureDetector(vehicle, settings)
-    fixed = vehicle.tilts is None and environ.get('CA_ROS_KERNEL') != 'numpy'
+    fixed = not len(vehicle.servos) and environ.get('CA_ROS_KERNEL') != 'numpy'
     module = extension('detector') if fixed else None
     model = None if module is None else packed(detector, module.FIELDS)
     if model is None:

@@ -5,8 +5,8 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.vehicle.command_bounds import CommandBounds
-from ca_ros.vehicle.effectiveness import rotor_wrenches, thrust_wrenches
-from ca_ros.vehicle.motor_lag import Servos, lagged
+from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.motor_lag import ServoLag, lagged
 from ca_ros.vehicle.state import difference
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -33,18 +33,17 @@ class CommandedRotors:
         s = settings
         self.vehicle = vehicle.with_health(1.0)
         self._lag = s.motor_time_constant if lags is None else lags
-        self._servos = Servos(s.servo_time_constant, s.servo_rate, vehicle)
+        self._servos = ServoLag(s.servo_time_constant, s.servo_rate, vehicle)
         self._delay = round(s.delay * 1e9)
         self.bounds = CommandBounds(vehicle)
         self._waiting: list[tuple[int, Array, Array]] = []
         self.speeds, self._angles = self._command = self._servos.resting
         self.wrenches = rotor_wrenches(vehicle, self._angles)
-        self.planar = [] if vehicle.tilts is None else vehicle.tilts.planar
+        self.planar = vehicle.servos.planar
         self.columns = vehicle.n + 2 * len(self.planar)
-        if vehicle.tilts is not None:
-            both = vehicle.tilts.turned(np.zeros(vehicle.n))
-            planes = [thrust_wrenches(vehicle, self.planar, each[self.planar]) for each in both]
-            self._planes = np.concatenate(planes, axis=1)
+        both = vehicle.servos.turned(np.zeros(vehicle.n))
+        planes = [vehicle.thrust_wrenches(self.planar, each[self.planar]) for each in both]
+        self._planes = np.concatenate(planes, axis=1)
 
     def command(self, time: int, command: Array) -> None:
         """Take a command that was sent at a time [ns]: speeds (n,) and then angles (k,).

@@ -13,7 +13,6 @@ from ca_ros.detection.kernel_detector import KernelDetector, packed
 from ca_ros.firmware.firmware import DTYPES
 from ca_ros.settings import ParameterError, check_given, read, table
 from ca_ros.vehicle.effectiveness import rotor_wrenches
-from ca_ros.vehicle.servos import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 STEP = 0.01  # between two states of the golden flight [s]
@@ -25,7 +24,7 @@ def detector_of(vehicle: Vehicle, given: Mapping[str, Any]) -> FailureDetector:
 
     Raises a ParameterError if a setting is wrong, or rotors tilt.
     """
-    refuse_tilts(vehicle.tilts, 'detector in C')
+    vehicle.servos.refuse('detector in C')
     ours = {name: value for name, value in given.items() if name.startswith('detector.')}
     check_given(ours, table(DetectorSettings, 'detector.'))
     return FailureDetector(vehicle, read(DetectorSettings, ours, 'detector.'))

@@ -16,9 +16,8 @@ from ca_ros.firmware.firmware import Firmware
 from ca_ros.kernel import extension
 from ca_ros.kernel.vectored import made, padded
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
+from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
 from ca_ros.settings import ParameterError
-from ca_ros.vehicle.servos import Tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 
@@ -55,11 +54,6 @@ class TiltingFirmware(Firmware):
         return components(self.problem, self.settings)
 
     @property
-    def tilts(self) -> Tilts:
-        """The servos."""
-        return _tilts(self.problem)
-
-    @property
     def rates(self) -> None:
         """There are none: the function has no state."""
         return None
@@ -73,9 +67,9 @@ class TiltingFirmware(Firmware):
         """
         found = []
         for fault in self.faults:
-            vehicle, tilts = fault.problem.vehicle, _tilts(fault.problem)
-            counts = np.bincount(tilts.rotors, minlength=vehicle.n).astype(np.int32)
-            low, high = tilts.limits
+            vehicle, servos = fault.problem.vehicle, fault.problem.vehicle.servos
+            counts = np.bincount(servos.rotors, minlength=vehicle.n).astype(np.int32)
+            low, high = servos.limits
             numbers = vehicle.thrust_min, vehicle.thrust_max, (low + high) / 2.0, low, high
             least, most, *angles = (each.astype(self.dtype) for each in numbers)
             found.append((least, most, counts, *angles))
@@ -92,7 +86,7 @@ class TiltingFirmware(Firmware):
             demand = np.ascontiguousarray(wrench[self.rows[row]])
         answer = kernel.allocate(demand, demand.copy(), vectors)
         thrusts = np.empty(self.problem.vehicle.n, self.dtype)
-        angles = np.empty(len(self.tilts.rotors), self.dtype)
+        angles = np.empty(len(self.problem.vehicle.servos), self.dtype)
         kernel.command(vectors, *self.servos[row], thrusts, angles)
         speeds = np.minimum(np.maximum(np.sqrt(thrusts / k_f), least), greatest)
         return 0 if answer is None else answer[0], np.concatenate([speeds, angles])
@@ -102,7 +96,7 @@ def firmware_of(
     faults: Sequence[Fault], settings: VehicleMethodSettings, precision: str
 ) -> Firmware:
     """Return the firmware of a vehicle, whether its rotors tilt or not; see `Firmware.make`."""
-    kind = TiltingFirmware if faults[0].problem.vehicle.tilts is not None else Firmware
+    kind = TiltingFirmware if len(faults[0].problem.vehicle.servos) else Firmware
     return kind.make(faults, settings, precision)
 
 
@@ -115,13 +109,7 @@ def rated(vehicle: Vehicle) -> str:
     """Return the setting that limits a rate of a vehicle whose rotors tilt; empty without one."""
     if vehicle.acceleration_max is not None:
         return 'rotors.acceleration_max'
-    limits = vehicle.tilts is not None and vehicle.tilts.rate_max.any()
-    return 'rotors.tilt_rate_max' if limits else ''
-
-
-def _tilts(problem: VehicleProblem) -> Tilts:
-    assert problem.vehicle.tilts is not None
-    return problem.vehicle.tilts
+    return 'rotors.tilt_rate_max' if vehicle.servos.rate_max.any() else ''
 
 
 def _vectored(fault: Fault) -> TiltingVehicleProblem:

@@ -102,11 +102,11 @@ class AllocatorNode(Node):
         made, publish, settings = self._made, self.streams.publish, self.parameters.settings
         self._message = speeds_message(self._last[: made.n], None, made.label)
         self._speeds = publish(self.topic)
-        self._angles: Publisher | None = None
-        if len(self._last) > made.n:
-            self._angles = publish(topics.TILT_COMMAND)
-            angles = self._last[made.n :]
-            self._angles_message = speeds_message(angles, None, messages.TILT_ANGLE)
+        angles = self._last[made.n :]
+        self._angles = [
+            (publish(topic), speeds_message(angles, None, messages.TILT_ANGLE))
+            for topic in topics.needed(topics.COMMAND_PARTS, len(angles))[1:]
+        ]
         self._others: list[tuple[Publisher, Float64MultiArray, str]] = []
         for option, topic, label, convert in (
             ('publish_throttle', topics.THROTTLE, 'throttle', 'throttles'),
@@ -313,10 +313,10 @@ class AllocatorNode(Node):
 
     def _publish(self, command: Array, time: int | None) -> None:
         """Publish speeds and angles that answer a wrench with a stamp [ns], or none."""
-        speeds, n = command, self._made.n
-        if self._angles is not None:
-            speeds, angles = command[:n], command[n:]
-            self._angles.publish(fill_speeds(self._angles_message, angles, time))
+        n = self._made.n
+        speeds, angles = command[:n], command[n:]
+        for publisher, message in self._angles:
+            publisher.publish(fill_speeds(message, angles, time))
         self._speeds.publish(fill_speeds(self._message, speeds, time))
         for publisher, message, convert in self._others:
             given = getattr(self._made.vehicle, convert)(speeds)

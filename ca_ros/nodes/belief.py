@@ -130,8 +130,8 @@ class Belief:
         if self._reported is not None:
             found['health in use'] = ', '.join(f'{share:.3g}' for share in vehicle.health)
         failed = {'lost rotors': np.flatnonzero(vehicle.lost).tolist()}
-        if vehicle.tilts is not None:
-            failed['stuck servos'] = vehicle.tilts.stuck_rotors
+        if stuck := vehicle.servos.stuck_rotors:
+            failed['stuck servos'] = stuck
         for name, rotors in failed.items():
             found[name] = ', '.join(f'{i + 1}' for i in rotors) or 'none'
         return {**found, 'last build [ms]': f'{1e3 * now.duration:.2f}'}

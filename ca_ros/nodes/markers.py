@@ -38,7 +38,7 @@ class View:
     attitude: Array
     speeds: Array
     saturation: Sequence[int] | IntArray
-    angles: Array | None = None
+    angles: Array = field(default_factory=lambda: np.zeros(0))
     waypoint: Array | None = None
     demand: Array | None = None
     served: Array | None = None
@@ -58,10 +58,7 @@ def markers(vehicle: Vehicle, view: View, frame: str, stamp: Time) -> MarkerArra
     size = float(np.linalg.norm(vehicle.arms, axis=1).max())
     turn = rotation_matrix(view.attitude)
     center, hubs = view.position, view.position + vehicle.arms @ turn.T
-    axes = vehicle.rotor_axes
-    if vehicle.tilts is not None and view.angles is not None:
-        axes = vehicle.tilts.directions(view.angles)
-    axes = axes @ turn.T
+    axes = vehicle.servos.directions(view.angles) @ turn.T
     thrusts = vehicle.thrusts(view.speeds) / np.abs(vehicle.thrust_max).max(initial=1e-9)
     found: list[Marker] = []
 

@@ -69,7 +69,7 @@ class MonitorNode(Node):
         quality.durability = STANDING.durability
         self._health = self.create_publisher(
             topic.kind, topic.name, quality, event_callbacks=NO_EVENTS)
-        self.streams.subscribe_commands(self._receive_command, self.detector.vehicle.tilts)
+        self.streams.subscribe_commands(self._receive_command, len(self.detector.vehicle.servos))
         # Subscriptions are served in this order, so a restart comes before its state.
         restart = topics.STATE_RESTART
         self.create_subscription(restart.kind, restart.name, self._receive_restart, COMMAND)

@@ -45,7 +45,7 @@ class Rotors:
 
     def command(self, answer: Allocation) -> Array:
         """Return the command (n + k,) of an answer."""
-        return answer.speeds if self.vehicle.tilts is None else answer.command
+        return answer.command
 
     def at_rest(self, action: str, last: Array) -> Array:
         """Return the command of a timeout action after the last one.
@@ -53,11 +53,10 @@ class Rotors:
         The action hold keeps the last speeds within the bounds that health and voltage leave.
         """
         speeds, angles = np.split(last, [self.n])
-        if self.vehicle.tilts is not None:
-            angles = self.vehicle.tilts.within(angles)
         low, high = self.vehicle.speed_limits
         speeds = np.minimum(np.maximum(speeds, np.minimum(low, 0.0)), high)
-        return fallback(action, self.vehicle, np.concatenate([speeds, angles]))
+        held = np.concatenate([speeds, self.vehicle.servos.within(angles)])
+        return fallback(action, self.vehicle, held)
 
     def produced(self, answer: Allocation) -> Array:
         """Return force and torque (6,) of an answer [N, N m]."""
@@ -69,8 +68,7 @@ class Rotors:
     def held(self, command: Array) -> tuple[Array, IntArray]:
         """Return force and torque (6,) of a command [N, N m], and which rotors are at a bound."""
         speeds, angles = np.split(command, [self.n])
-        turned = None if self.vehicle.tilts is None else angles
-        wrench = rotor_wrenches(self.vehicle, turned) @ self.vehicle.thrusts(speeds)
+        wrench = rotor_wrenches(self.vehicle, angles) @ self.vehicle.thrusts(speeds)
         return wrench, at_bounds(speeds, *self.vehicle.speed_limits)
 
 

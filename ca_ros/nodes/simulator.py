@@ -78,9 +78,9 @@ class SimulatorNode(Node):
         self._speeds = publish(topics.SPEEDS)
         self._measured = publish(topics.MEASURED_SPEEDS)
         self.create_service(Trigger, '~/reset', self._reset)
-        if vehicle.tilts is not None:
-            self._angles = publish(topics.TILTS)
-        self.streams.subscribe_commands(self._receive, vehicle.tilts)
+        self._angles = [publish(topic) for topic in topics.needed(
+            (topics.SPEEDS, topics.TILTS), len(vehicle.servos))[1:]]
+        self.streams.subscribe_commands(self._receive, len(vehicle.servos))
         period = STATE_REPEAT if lockstep else self._period_ns / 1e9
         turn = self._repeat if lockstep else self._catch_up
         self._time = 0 if lockstep else self.get_clock().now().nanoseconds
@@ -215,8 +215,8 @@ class SimulatorNode(Node):
 
     def _publish_command(self) -> None:
         speeds, angles = np.split(self._command, [self._n])
-        if len(angles):
-            self._angles.publish(messages.speeds_message(angles, self._time, messages.TILT_ANGLE))
+        for publisher in self._angles:
+            publisher.publish(messages.speeds_message(angles, self._time, messages.TILT_ANGLE))
         self._speeds.publish(messages.speeds_message(speeds, self._time))
 
     def _publish(self) -> None:

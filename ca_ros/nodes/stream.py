@@ -1,7 +1,7 @@
 """The streams of a node: topics that should have one publisher."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from math import inf
 from time import monotonic, sleep
@@ -20,7 +20,6 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.messages import speeds_stamp
 from ca_ros.nodes.rclpy_internals import RMWError
 from ca_ros.nodes.topics import Topic, offered, requested
-from ca_ros.vehicle.servos import Tilts
 
 _Taken = tuple[bytes, dict[str, Any]]  # a serialized message and the information about it
 SIZE_MAX = 16384  # largest message of a stream [bytes]: 2000 rotor speeds
@@ -83,26 +82,24 @@ class Streams:
         """Subscribe to the newest messages of a topic, without the checks of a stream."""
         self._node.create_subscription(kind, name, receive, requested('realtime'))
 
-    def subscribe_commands(self, receive: Callable[..., None], tilts: Tilts | None) -> None:
-        """Subscribe to rotor speeds; if rotors tilt, to pairs of speeds and angles by stamp."""
-        if tilts is None:
-            self.subscribe(topics.SPEED_COMMAND, receive)
-            return
+    def subscribe_commands(self, receive: Callable[..., None], servos: int) -> None:
+        """Subscribe to rotor speeds; if there are servos, to speeds and angles by stamp."""
+        parts = topics.needed(topics.COMMAND_PARTS, servos)
         waiting: dict[str, Float64MultiArray] = {}
 
-        def join(own: str, other: str, message: Float64MultiArray) -> None:
+        def join(own: str, others: Sequence[str], message: Float64MultiArray) -> None:
             if own in waiting:
                 self._counts['without the other part'] += 1
-                text = f'{own} without {other} of the same stamp: not used'
+                text = f'{own} without {", ".join(others)} of the same stamp: not used'
                 self._node.get_logger().warning(text, throttle_duration_sec=1.0)
             waiting[own] = message
-            if other in waiting and speeds_stamp(waiting[other]) == speeds_stamp(message):
-                receive(*[waiting.pop(name) for name in names])
+            stamp = speeds_stamp(message)
+            if all(each in waiting and speeds_stamp(waiting[each]) == stamp for each in others):
+                receive(*[waiting.pop(topic.name) for topic in parts])
 
-        pair = topics.SPEED_COMMAND, topics.TILT_COMMAND
-        names = [topic.name for topic in pair]
-        for topic, other in zip(pair, reversed(names), strict=True):
-            self.subscribe(topic, partial(join, topic.name, other))
+        for topic in parts:
+            others = [each.name for each in parts if each is not topic]
+            self.subscribe(topic, partial(join, topic.name, others))
 
     def subscribe(
         self, topic: Topic, receive: Callable[[Any], None],

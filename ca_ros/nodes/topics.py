@@ -3,6 +3,7 @@
 A new topic is a line here and the calls in its nodes.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,6 +58,7 @@ TILT_COMMAND = Topic(
     'command/tilt_angle', Float64MultiArray, 'allocator', ('simulator',), stream=True,
     optional=True,
 )
+COMMAND_PARTS = SPEED_COMMAND, TILT_COMMAND
 THROTTLE = Topic('command/throttle', Float64MultiArray, 'allocator', optional=True)
 PWM = Topic('command/pwm', Float64MultiArray, 'allocator', optional=True)
 EFFECTORS = Topic('command/effectors', Float64MultiArray, 'allocator', optional=True)
@@ -94,6 +96,11 @@ LINKS = tuple(topic for topic in STREAMS if topic.subscribers)  # they join the 
 
 
 LOCKSTEP_DEPTH = 2000  # steps that a recorder may lag behind in lockstep without a loss
+
+
+def needed(topics: Sequence[Topic], servos: int) -> Sequence[Topic]:
+    """Return the topics of rotor speeds and of the angles of servos, if there are servos."""
+    return topics if servos else topics[:1]
 
 
 def offered(mode: str) -> QoSProfile:

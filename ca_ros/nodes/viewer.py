@@ -44,10 +44,9 @@ class ViewerNode(Node):
         self.diagnostics = Diagnostics(self, 'view', str(settings.vehicle.name))
         self.streams = Streams(
             self, settings.mode, self.diagnostics.drop, self.diagnostics.counts)
-        n = self.vehicle.n
-        tilts = self.vehicle.tilts
-        angles = None if tilts is None else tilts.resting
-        self._view = View(np.zeros(3), np.zeros(4), np.zeros(n), [0] * n, angles)
+        n, servos = self.vehicle.n, self.vehicle.servos
+        self._view = View(np.zeros(3), np.zeros(4), np.zeros(n), [0] * n, servos.resting)
+        unused = {topics.TILT_COMMAND} - {*topics.needed(topics.COMMAND_PARTS, len(servos))}
         self._pose: PoseStamped | None = None
         self._new = False
         self._markers = self.streams.publish(topics.MARKERS)
@@ -60,7 +59,7 @@ class ViewerNode(Node):
             (topics.ALLOCATED_WRENCH, partial(self._receive_wrench, 'served')),
             (topics.DIAGNOSTICS, self._receive_diagnostics),
         ):
-            if tilts is not None or topic is not topics.TILT_COMMAND:
+            if topic not in unused:
                 self.streams.listen(topic.kind, topic.path, receive)
         self.create_timer(PERIOD, self._draw, clock=STEADY)
         self.diagnostics.start(

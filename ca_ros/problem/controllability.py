@@ -31,7 +31,7 @@ Axes = tuple[str, ...]
 
 def lift(vehicle: Vehicle) -> tuple[float, float]:
     """Return the least and the greatest mass that the rotors lift, torques ignored [kg]."""
-    if vehicle.tilts is not None:
+    if len(vehicle.servos):
         lifting = VehicleProblem(replace(vehicle, axes=('thrust',)))
         ends = lifting.center + np.array([-1.0, 1.0]) * lifting.extent
     else:

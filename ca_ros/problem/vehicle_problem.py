@@ -14,7 +14,7 @@ from ca_ros.arrays import Array, IntArray
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem, component_names
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
-from ca_ros.vehicle.effectiveness import control_allocation_matrix, thrust_wrenches
+from ca_ros.vehicle.effectiveness import control_allocation_matrix
 from ca_ros.vehicle.servos import FIXED
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
@@ -37,7 +37,7 @@ class VehicleProblem(AllocationProblem):
 
     def __new__(cls, vehicle: Vehicle | None = None, *_: object) -> VehicleProblem:
         """Make a `TiltingVehicleProblem` of a vehicle with rotors that tilt."""
-        tilts = vehicle is not None and vehicle.tilts is not None
+        tilts = vehicle is not None and len(vehicle.servos)
         made: VehicleProblem = object.__new__(TiltingVehicleProblem if tilts else cls)
         return made
 
@@ -82,7 +82,7 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
     component along the middle is at least the least thrust: at the angle a from the middle, the
     least thrust is 1 / cos a as great.
 
-    `vehicle`: with `tilts`.
+    `vehicle`: with `servos`.
 
     `wrenches` (6, n): force and torque per unit of each component [N/N, N m/N].  `wanted` (n, 3):
     directions of rotors without thrust; None: the middles of their sets.  `near` (k,): of
@@ -102,7 +102,7 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
         self.effector_names = tuple(component_names(names, self.sets.sets))
         owners = [i for i, (each, _) in enumerate(self.windows) for _ in range(each.size)]
         self.directions = np.concatenate([rows for _, rows in self.windows])
-        self.wrenches = thrust_wrenches(vehicle, owners, self.directions)
+        self.wrenches = vehicle.thrust_wrenches(owners, self.directions)
         gamma = self.wrenches[[AXES.index(axis) for axis in vehicle.axes]]
         self._fill(gamma, self.sets.lower, self.sets.upper, self._weight())
 
@@ -125,14 +125,12 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
 
         A rotor without thrust points to the direction in its set that is nearest to `wanted`.
         """
-        tilts = self.vehicle.tilts
-        assert tilts is not None
         forces = self.forces(thrusts)
         idle = np.einsum('ij,ij->i', forces, forces) <= self._idle
         if idle.any():
             for i in np.flatnonzero(idle).tolist():
                 forces[i] = self._nearest(i)
-        return tilts.angles(forces, self.near)
+        return self.vehicle.servos.angles(forces, self.near)
 
     @cached_property
     def _idle(self) -> Array:
@@ -157,13 +155,12 @@ IDLE = 1e-12  # thrust, as a share of the greatest, below which it has no direct
 
 def thrust_sets(vehicle: Vehicle) -> list[tuple[ConvexSet, Array]]:
     """Return the set of each rotor's thrust vectors, and the directions of its components."""
-    tilts, found = vehicle.tilts, list[tuple[ConvexSet, Array]]()
-    assert tilts is not None
-    middles, quarters = tilts.middles
+    servos, found = vehicle.servos, list[tuple[ConvexSet, Array]]()
+    middles, quarters = servos.middles
     limits = zip(vehicle.thrust_min.tolist(), vehicle.thrust_max.tolist(), strict=True)
     for i, (least, most) in enumerate(limits):
-        span, cone = float(tilts.upper[i] - tilts.lower[i]), float(tilts.gimbal[i])
-        rows = np.array([middles[i], quarters[i], tilts.axes[i]])
+        span, cone = float(servos.upper[i] - servos.lower[i]), float(servos.gimbal[i])
+        rows = np.array([middles[i], quarters[i], servos.axes[i]])
         if most <= 0.0 or (span <= FIXED and not cone):
             found.append((Interval(least, most), rows[:1]))
         elif cone:

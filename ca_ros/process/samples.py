@@ -61,13 +61,13 @@ class Samples:
         if self.start is None:
             self.start = time
 
-    def expect(self, rotors: int, tilts: bool = False) -> None:
+    def expect(self, rotors: int, servos: int = 0) -> None:
         """Refuse messages with another number of rotor speeds, also those of the past.
 
-        With `tilts`, a sample has tilt angles, too.
+        With `servos`, a sample has tilt angles, too.
         """
         self._rotors = rotors
-        self._columns = (*COLUMNS, 'angles') if tilts else COLUMNS
+        self._columns = (*COLUMNS, 'angles') if servos else COLUMNS
         for sample in self._samples.values():
             if 'speeds' in sample:
                 self._check_rotors(sample['speeds'])

@@ -211,32 +211,27 @@ def tilts_to(vehicle: Vehicle, rows: Sequence[int]) -> dict[str, float]:
     Raises a ValueError if PX4 has no such servos: more than four, gimbals, rotors that do not
     point upwards at the angle zero, directions that are no whole degrees.
     """
-    tilts = vehicle.tilts
-    if tilts is None:
-        return {}
-    if (tilts.gimbal > 0.0).any() or tilts.driven.sum() > SERVOS:
+    servos, driven = vehicle.servos, vehicle.servos.driven
+    if (servos.gimbal > 0.0).any() or driven.sum() > SERVOS:
         raise ValueError(f'PX4 tilts up to {SERVOS} rotors about one axis each')
-    if (abs(tilts.nominal - [0.0, 0.0, 1.0]) > ROUNDING).any():
+    if (abs(servos.nominal - [0.0, 0.0, 1.0]) > ROUNDING)[driven].any():
         raise ValueError('PX4 tilts rotors that point upwards at the angle zero: rotors.axes')
-    found: dict[str, float] = {'CA_AIRFRAME': AIRFRAME, 'CA_SV_TL_COUNT': int(tilts.driven.sum())}
-    servo = 0
-    for motor, i in enumerate(rows):
-        if not tilts.driven[i]:
-            continue
-        x, y, _ = tilts.axes[i].tolist()
+    found: dict[str, float] = {}
+    for servo, (motor, i) in enumerate((motor, i) for motor, i in enumerate(rows) if driven[i]):
+        found |= {'CA_AIRFRAME': AIRFRAME, 'CA_SV_TL_COUNT': servo + 1}
+        x, y, _ = servos.axes[i].tolist()
         way = degrees(atan2(x, y)) % 360.0
         if abs(way - round(way)) > 1e-3:
             raise ValueError(f'rotor {i + 1} tilts towards {way:g} degrees: PX4 has whole degrees')
-        side = np.cross(tilts.axes[i], tilts.nominal[i])
+        side = np.cross(servos.axes[i], servos.nominal[i])
         _, pitch, yaw = np.abs(np.cross(vehicle.arms[i], side)) > ROUNDING
         found |= {
-            f'CA_ROTOR{motor}_TILT': servo + 1, f'CA_SV_TL{servo}_MINA': degrees(tilts.lower[i]),
-            f'CA_SV_TL{servo}_MAXA': degrees(tilts.upper[i]),
+            f'CA_ROTOR{motor}_TILT': servo + 1, f'CA_SV_TL{servo}_MINA': degrees(servos.lower[i]),
+            f'CA_SV_TL{servo}_MAXA': degrees(servos.upper[i]),
             f'CA_SV_TL{servo}_TD': round(way) % 360,
             f'CA_SV_TL{servo}_CT': int(yaw) + 2 * int(pitch),
         }
-        servo += 1
-    if np.abs([tilts.lower, tilts.upper]).max() > radians(90.0) + ROUNDING:
+    if np.abs([servos.lower, servos.upper]).max() > radians(90.0) + ROUNDING:
         raise ValueError('PX4 tilts rotors by up to 90 degrees: rotors.tilt_min, rotors.tilt_max')
     return found
 

@@ -28,7 +28,6 @@ from ca_ros.arrays import Array
 from ca_ros.nodes.settings import Px4Settings
 from ca_ros.px4 import frames
 from ca_ros.settings import ParameterError
-from ca_ros.vehicle.servos import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 NAME = 'ca_ros'  # of the external mode, as QGroundControl shows it
@@ -462,7 +461,7 @@ def check_vehicle(vehicle: Vehicle) -> None:
         raise ParameterError(f'{vehicle.n} rotors, but PX4 has {frames.CONTROLS} motors at most')
     if (vehicle.speed_min < 0.0).any():
         raise ParameterError('rotors reverse (rotors.speed_min < 0), which is not supported')
-    refuse_tilts(vehicle.tilts, 'px4_bridge')
+    vehicle.servos.refuse('px4_bridge')
 
 
 def check_messages(messages: Any, interface: str) -> None:

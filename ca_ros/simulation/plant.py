@@ -13,7 +13,7 @@ from ca_ros.simulation.drag import Drag, Wind
 from ca_ros.simulation.plant_settings import PlantSettings
 from ca_ros.simulation.rigid_body import INTEGRATORS, RigidBody
 from ca_ros.simulation.sensors import Sensors, delay_line
-from ca_ros.vehicle.motor_lag import Servos, lagged
+from ca_ros.vehicle.motor_lag import ServoLag, lagged
 from ca_ros.vehicle.settings import triple
 from ca_ros.vehicle.state import ANGULAR_VELOCITY, POSITION, VELOCITY
 from ca_ros.vehicle.vehicle import Vehicle
@@ -82,7 +82,7 @@ class Plant:
                 'simulator.wind and simulator.gust_intensity act through the drag: set '
                 'simulator.linear_drag or simulator.rotor_drag'
             )
-        self._servos = Servos(settings.servo_time_constant, settings.servo_rate, body.vehicle)
+        self._servos = ServoLag(settings.servo_time_constant, settings.servo_rate, body.vehicle)
         self.speeds = np.concatenate(self._servos.resting)
         self._commands, self._states = (
             delay_line(f'simulator.{name}', getattr(settings, name), self._sub_step, first)

@@ -25,7 +25,7 @@ class Flight:
     - `attitude` (K, 4): quaternions x, y, z, w, body to world
     - `velocity` and `angular_velocity` (K, 3): body frame [m/s, rad/s]
     - `speeds` (K, n): rotor speeds from each sample to the next [rad/s]
-    - `angles` (K, k): the same of tilt angles, of a vehicle whose rotors tilt [rad]
+    - `angles` (K, k): the same of the angles of servos [rad]
     """
 
     time: Array
@@ -35,6 +35,9 @@ class Flight:
     angular_velocity: Array
     speeds: Array
     angles: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'angles', self.angles.reshape(len(self.time), -1))
 
     @property
     def euler(self) -> Array:

@@ -51,7 +51,6 @@ class RigidBody:
     def __init__(self, vehicle: Vehicle, drag: Drag | None = None) -> None:
         self.vehicle = vehicle
         self.drag = drag
-        self._wrenches = rotor_wrenches(vehicle)
         self._inertia = inertia_of(vehicle)
         self._inverse_inertia = np.linalg.inv(self._inertia)
         # The buoyancy acts at the centre of mass.
@@ -66,11 +65,8 @@ class RigidBody:
         - `wind` (3,): in the world frame [m/s]; it acts through the drag
         """
         vehicle = self.vehicle
-        if vehicle.tilts is None:
-            wrench = self._wrenches @ vehicle.thrusts(speeds)
-        else:
-            speeds, angles = np.split(speeds, [vehicle.n])
-            wrench = rotor_wrenches(vehicle, angles) @ vehicle.thrusts(speeds)
+        speeds, angles = speeds[: vehicle.n], speeds[vehicle.n :]
+        wrench = rotor_wrenches(vehicle, angles) @ vehicle.thrusts(speeds)
         x, y, z, w = state[ATTITUDE].tolist()
         omega = state[ANGULAR_VELOCITY]
         rotation = rotation_matrix(state[ATTITUDE])

@@ -47,12 +47,12 @@ def case_of(
         methods = methods_of(options.methods)
         case = Case.load(options.vehicle, options.param, methods, flying)
         asked = [word.strip() for word in options.methods.split(',')]
-        allocators = {}
+        allocators: dict[str, Allocator] = {}
         for method in methods:
             try:
                 allocators[method] = case.allocator(method)
             except ValueError as error:
-                if method in asked or (case.flies and case.vehicle.tilts is None):
+                if method in asked:
                     raise
                 case.left_out[method] = str(error)
                 print(f'{method} is left out: {error}', file=sys.stderr)

@@ -38,7 +38,7 @@ class Lockstep:
     ) -> None:
         self._graph, self._samples = graph, Samples()
         model = Vehicle.load(vehicle)
-        self._samples.expect(model.n, model.tilts is not None)
+        self._samples.expect(model.n, len(model.servos))
         self._wrenches: dict[int, WrenchStamped] = {}
         for topic in (*SAMPLED, TILTS, WRENCH):
             receive: Any = partial(self._samples.add, topic.name)

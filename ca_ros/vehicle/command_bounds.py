@@ -23,16 +23,15 @@ class CommandBounds:
 
     def __init__(self, vehicle: Vehicle) -> None:
         least, greatest = vehicle.rated_speeds
-        self._n, self._tilts = vehicle.n, vehicle.tilts and vehicle.tilts.sound
+        self._n, self._servos = vehicle.n, vehicle.servos.sound
         self.least, self.greatest = np.minimum(least, 0.0), greatest
-        lower, upper = self.least, self.greatest
-        low, high = lower * (1.0 + ROUNDING), upper * (1.0 + ROUNDING)
+        least, greatest = self._servos.limits
+        lower = np.concatenate([self.least, least])
+        upper = np.concatenate([self.greatest, greatest])
+        low = np.concatenate([self.least * (1.0 + ROUNDING), least - ROUNDING])
+        high = np.concatenate([self.greatest * (1.0 + ROUNDING), greatest + ROUNDING])
         self._what, self._expected = 'rotor speeds', f'{self._n}'
-        if self._tilts is not None:
-            least, greatest = self._tilts.limits
-            lower, upper = np.concatenate([lower, least]), np.concatenate([upper, greatest])
-            low = np.concatenate([low, least - ROUNDING])
-            high = np.concatenate([high, greatest + ROUNDING])
+        if len(self._servos):
             self._what = 'rotor speeds and tilt angles'
             self._expected += f' and {len(least)}'
         self._low, self._high = low, high
@@ -77,6 +76,4 @@ class CommandBounds:
         if numbers.shape != self._low.shape or not (abs(numbers) <= ABSURD).all():
             raise ValueError(f'command {command}: expected {len(self._low)} numbers up to 1e100')
         speeds = np.minimum(np.maximum(numbers[: self._n], self.least), self.greatest)
-        if self._tilts is None:
-            return speeds
-        return np.concatenate([speeds, self._tilts.within(numbers[self._n :])])
+        return np.concatenate([speeds, self._servos.within(numbers[self._n :])])

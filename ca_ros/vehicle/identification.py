@@ -98,7 +98,7 @@ def identify(
         If the vehicle has no inertia, its rotors tilt, or the flights are too short.
     """
     inertia_of(vehicle, FIRST_GUESS)
-    if vehicle.tilts is not None:
+    if len(vehicle.servos):
         raise ParameterError('rotors.tilt_axes: rotors that tilt cannot be identified')
     flights = [FlightSides(vehicle, each, measured) for each in recordings]
     if (blocks := sum(flight.blocks for flight in flights)) < BLOCKS_MIN:

@@ -22,7 +22,7 @@ def lagged(time_constant: float | Array, speeds: Array, command: Array, step: fl
     return speeds - expm1(-step / time_constant) * (command - speeds)
 
 
-class Servos:
+class ServoLag:
     """Moves the servo angles.
 
     `time_constant`: of the lag [s]; 0: none.  `rate`: greatest rate [rad/s]; 0: unlimited.
@@ -31,9 +31,8 @@ class Servos:
     """
 
     def __init__(self, time_constant: float, rate: float, vehicle: Vehicle) -> None:
-        angles = np.zeros(0) if vehicle.tilts is None else vehicle.tilts.resting
         self._rate, self._time_constant = rate, time_constant
-        self.resting = np.zeros(vehicle.n), angles
+        self.resting = np.zeros(vehicle.n), vehicle.servos.resting
 
     def move(self, angles: Array, command: Array, step: float, vehicle: Vehicle) -> Array:
         """Return the angles (k,) after a step [s] towards a command (k,).
@@ -41,12 +40,12 @@ class Servos:
         Angles stay within the limits of the vehicle: a servo that sticks has no other angle.  An
         azimuth thruster turns the shorter way.
         """
-        if vehicle.tilts is None:
+        if not len(vehicle.servos):
             return angles
         shorter = angles + difference(command, angles)
-        command = np.where(vehicle.tilts.endless, shorter, command)
+        command = np.where(vehicle.servos.endless, shorter, command)
         moved = lagged(self._time_constant, angles, command, step)
         if self._rate:
             most = self._rate * step
             moved = angles + np.minimum(np.maximum(moved - angles, -most), most)
-        return vehicle.tilts.within(moved)
+        return vehicle.servos.within(moved)

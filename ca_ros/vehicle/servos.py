@@ -1,4 +1,4 @@
-"""Rotors that tilt: their axes, their limits, and the directions of their thrusts."""
+"""The servos of rotors that tilt: axes, limits, and the directions of the thrusts."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ ROUNDING = 1e-6  # how far limits may be off half a circle or a circle [rad]
 
 
 @dataclass(frozen=True, eq=False)
-class Tilts:
-    """The servos of a vehicle's rotors.
+class Servos:
+    """The servos of a vehicle's rotors; most vehicles have none.  `len` is their number k.
 
     A rotor's thrust has the direction ``R(t, alpha) R(s, beta) d``: d is its direction in
     `rotors.axes`, t its tilt axis, normal to d, and s = d x t.  Most rotors have alpha alone.  A
@@ -34,6 +34,8 @@ class Tilts:
     - `driven` (n,): which rotors have servos, also if they are stuck
     - `rate_max` (n,): greatest rates that are commanded [rad/s]; 0: no limit
     - `unstuck`: the servos before the first one stuck, or None
+
+    Without servos, angles are empty arrays.
     """
 
     axes: Array
@@ -43,10 +45,20 @@ class Tilts:
     nominal: Array
     driven: BoolArray
     rate_max: Array
-    unstuck: Tilts | None = None
+    unstuck: Servos | None = None
+
+    @classmethod
+    def none(cls, directions: Array) -> Servos:
+        """Return the servos of rotors that are fixed in directions (n, 3): there are none."""
+        n = len(directions)
+        zeros, axes = np.zeros(n), np.zeros((n, 3))
+        return cls(axes, zeros, zeros, zeros, directions, np.zeros(n, bool), zeros)
+
+    def __len__(self) -> int:
+        return len(self.rotors)
 
     @property
-    def sound(self) -> Tilts:
+    def sound(self) -> Servos:
         """The same servos, none of them stuck."""
         return self.unstuck or self
 
@@ -96,6 +108,8 @@ class Tilts:
 
     def within(self, angles: Array) -> Array:
         """Return angles (k,) within the limits: the same direction for those without end."""
+        if not self.rotors:
+            return angles
         low, high = self.limits
         if self.endless.any():
             whole = 2.0 * pi * self.endless
@@ -111,6 +125,8 @@ class Tilts:
 
     def directions(self, angles: Array) -> Array:
         """Return the directions (n, 3) of the thrusts for servo angles (k,) [rad]."""
+        if not self.rotors:
+            return self.nominal
         alphas, betas = self.lower.copy(), np.zeros(len(self.lower))
         for rotor, angle, second in zip(self.rotors, angles, self._second, strict=True):
             (betas if second else alphas)[rotor] = angle
@@ -133,12 +149,14 @@ class Tilts:
             found = np.where(self._second, betas, found)
         return self.within(found)
 
-    def stuck(self, rotor: int, angle: float) -> Tilts:
+    def stuck(self, rotor: int, angle: float) -> Servos:
         """Return the servos with that of a rotor (from 0) stuck at an angle [rad].
 
         Raises a ParameterError if the rotor has no servo, or is on a gimbal, or the angle is
         beyond its limits.
         """
+        if not self.rotors:
+            raise ParameterError('rotor: no rotor of this vehicle tilts')
         if not 0 <= rotor < len(self.driven) or not self.driven[rotor] or self.gimbal[rotor]:
             raise ParameterError(f'rotor: {rotor + 1} has no single servo that may stick')
         low, high = float(self.sound.lower[rotor]), float(self.sound.upper[rotor])
@@ -147,6 +165,14 @@ class Tilts:
         held = np.arange(len(self.driven)) == rotor
         lower, upper = (np.where(held, angle, ends) for ends in (self.lower, self.upper))
         return replace(self, lower=lower, upper=upper, unstuck=self.sound)
+
+    def refuse(self, taker: str) -> None:
+        """Raise a `ParameterError` if there are servos, which the `taker` cannot command."""
+        if self.rotors:
+            raise ParameterError(
+                f'rotors.tilt_max, rotors.gimbal: the {taker} takes fixed rotors only; expected '
+                'none that tilts'
+            )
 
     @cached_property
     def _second(self) -> BoolArray:
@@ -160,19 +186,12 @@ class Tilts:
         return owners, frames[:, owners], np.sum(self.limits, axis=0) / 2.0
 
 
-def refuse_tilts(tilts: Tilts | None, taker: str) -> None:
-    """Raise a `ParameterError` if rotors of a vehicle tilt, which the `taker` cannot command."""
-    if tilts is not None:
-        raise ParameterError(
-            f'rotors.tilt_max, rotors.gimbal: the {taker} takes fixed rotors only; expected none '
-            'that tilts'
-        )
-
-
-def tilts_of(
+def servos_of(
     rotors: RotorSettings, nominal: Array, speed_min: Array, speed_max: Array
-) -> Tilts | None:
-    """Return the servos of a vehicle's settings; None if no rotor tilts.
+) -> Servos:
+    """Return the servos of a vehicle's settings.
+
+    If no rotor has one, the rotors still may be turned by tilts with a range of zero.
 
     Raises a ParameterError if a setting has a wrong size, contradicts another one, or makes no
     convex set.
@@ -185,7 +204,7 @@ def tilts_of(
     if not (lower.any() or upper.any() or gimbal.any()):
         if rate_max.any():
             raise ParameterError('rotors.tilt_rate_max: expected 0, since no rotor tilts')
-        return None
+        return Servos.none(nominal)
     given = np.asarray(rotors.tilt_axes, float)
     if given.size not in (3, 3 * n):
         raise ParameterError(
@@ -231,4 +250,5 @@ def tilts_of(
                 'than its speed_max, which is the same'
             )
     driven = (gimbal > 0.0) | (upper - lower > FIXED)
-    return Tilts(axes, lower, upper, gimbal, np.array(nominal), driven, rate_max)
+    servos = Servos(axes, lower, upper, gimbal, np.array(nominal), driven, rate_max)
+    return servos if driven.any() else Servos.none(servos.turned(lower)[0])

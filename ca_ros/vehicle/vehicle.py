@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property, lru_cache
@@ -24,7 +24,7 @@ from ca_ros.settings import (
 )
 from ca_ros.vehicle import files
 from ca_ros.vehicle.geometry import rotor_axes, rotor_positions
-from ca_ros.vehicle.servos import Tilts, tilts_of
+from ca_ros.vehicle.servos import Servos, servos_of
 from ca_ros.vehicle.settings import (
     AXES,
     AxesSettings,
@@ -75,7 +75,7 @@ class Vehicle:
       at which all rotors reach `speed_max`
     - `voltage`: of the battery, if `at_voltage` was told [V]
     - `rated`: the bounds (n,) of the speeds whatever the voltage is, if it is given [rad/s]
-    - `tilts`: the servos of rotors that tilt; None if all are fixed to the body
+    - `servos`: of rotors that tilt; there are none if all are fixed to the body
     - `acceleration_max` and `deceleration_max` (n,): greatest rates at which the rotor speeds grow
       and shrink [rad/s^2]; None for no limit, or for a deceleration like the acceleration.  See
       `ca_ros.SlewLimited`
@@ -95,13 +95,13 @@ class Vehicle:
     speed_max: Array
     health: Array
     axes: tuple[str, ...]
+    servos: Servos
     lost_axes: str = 'refuse'
     curve: ThrustCurve = SQUARE
     speed_max_per_volt: Array | float = 0.0
     nominal_voltage: float = 0.0
     voltage: float | None = None
     rated: tuple[Array, Array] | None = None
-    tilts: Tilts | None = None
     acceleration_max: Array | None = None
     deceleration_max: Array | None = None
 
@@ -182,14 +182,14 @@ class Vehicle:
             )
         except ParameterError as error:
             raise ParameterError(f'rotors.thrust_curve.{error}') from None
-        directions = rotor_axes(rotors, n)
+        servos = servos_of(rotors, rotor_axes(rotors, n), speed_min, speed_max)
         vehicle = cls(
             mass=body.mass,
             gravity=body.gravity,
             buoyancy=body.buoyancy,
             inertia=inertia_matrix(body.inertia) if isinstance(body, MovingBodySettings) else None,
             arms=arms,
-            rotor_axes=directions,
+            rotor_axes=servos.nominal,
             spins=np.array([1.0 if word == 'cw' else -1.0 for word in spins]),
             thrust_coefficient=forwards,
             thrust_coefficient_reverse=np.where(backwards > 0.0, backwards, forwards),
@@ -202,7 +202,7 @@ class Vehicle:
             curve=curve,
             speed_max_per_volt=per_volt,
             nominal_voltage=nominal,
-            tilts=tilts_of(rotors, directions, speed_min, speed_max),
+            servos=servos,
             acceleration_max=up if up.any() else None,
             deceleration_max=down if down.any() else None,
         )
@@ -248,9 +248,7 @@ class Vehicle:
 
     def with_stuck_servo(self, rotor: int, angle: float) -> Vehicle:
         """Return the same vehicle with the servo of a rotor (from 1) stuck at an angle [rad]."""
-        if self.tilts is None:
-            raise ParameterError('rotor: no rotor of this vehicle tilts')
-        return replace(self, tilts=self.tilts.stuck(rotor - 1, angle))
+        return replace(self, servos=self.servos.stuck(rotor - 1, angle))
 
     def with_stuck_servos(self, pairs: ArrayLike) -> Vehicle:
         """Return the same vehicle with these servos stuck, and no others.
@@ -258,8 +256,8 @@ class Vehicle:
         `pairs` (2 k,), or 0 for none: see `RotorSettings.stuck_servos`.
         """
         flat = np.ravel(np.asarray(pairs, dtype=float))
-        stuck = self.tilts is not None and self.tilts.unstuck is not None
-        sound = replace(self, tilts=self.tilts.sound) if self.tilts and stuck else self
+        stuck = self.servos.unstuck is not None
+        sound = replace(self, servos=self.servos.sound) if stuck else self
         if flat.tolist() == [0.0]:
             return sound
         if len(flat) % 2 or (flat[::2] % 1.0).any():
@@ -276,9 +274,7 @@ class Vehicle:
     @property
     def idle_command(self) -> Array:
         """The idle speeds, and after them the tilt angles nearest to zero [rad/s, rad]."""
-        if self.tilts is None:
-            return self.idle_speeds
-        return np.concatenate([self.idle_speeds, self.tilts.resting])
+        return np.concatenate([self.idle_speeds, self.servos.resting])
 
     @property
     def n(self) -> int:
@@ -304,6 +300,21 @@ class Vehicle:
     def reverse_thrust_per_squared_speed(self) -> Array:
         """As `thrust_per_squared_speed`, of rotors that turn backwards."""
         return constant(np.where(self.lost, 0.0, self.health * self.thrust_coefficient_reverse))
+
+    @cached_property
+    def wrenches(self) -> Array:
+        """Force and torque (6, n) of `rotor_wrenches`, servos at the angle zero."""
+        return constant(self.thrust_wrenches(slice(None), self.rotor_axes))
+
+    def thrust_wrenches(self, rotors: Sequence[int] | slice, directions: Array) -> Array:
+        """Return as `wrenches` (6, k) for thrusts of rotors (k,) with directions (k, 3)."""
+        ratio = self.torque_coefficient / self.thrust_coefficient
+        (x, y, z), (a, b, c) = self.arms[rotors].T, directions.T
+        torques = (self.spins * ratio)[rotors, None] * directions
+        # np.cross takes longer than all of the rest.
+        for i, moment in enumerate((y * c - z * b, z * a - x * c, x * b - y * a)):
+            torques[:, i] += moment
+        return np.concatenate([directions.T, torques.T])
 
     @property
     def powerless(self) -> bool:

@@ -13,13 +13,14 @@ from ca_ros.control.controller import Controller
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.simulation.closed_loop import Change, Pilot
 from ca_ros.simulation.record import Flight
 from ca_ros.simulation.rotor_failures import RotorFailures
+from ca_ros.solver.zonotope import CHOICES_MAX
 from ca_ros.studies.errors import FORCES
 from ca_ros.studies.wrench_metrics import energy
-from ca_ros.vehicle.effectiveness import control_allocation_matrix, rotor_wrenches
-from ca_ros.vehicle.settings import AXES
+from ca_ros.vehicle.effectiveness import produced
 from ca_ros.vehicle.state import difference
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -76,7 +77,7 @@ def sample_errors(
         states = zip(*(values[part] for values in whole), times, strict=True)
         commanded = np.array([pilot.wrench(p, q, v, w, goal, t) for p, q, v, w, t in states])
         thrusts, axes = vehicle.thrusts(flight.speeds[part]), pilot.vehicle.axes
-        residual = commanded - _served(pilot.vehicle, thrusts, flight.angles[part])
+        residual = commanded - produced(pilot.vehicle, thrusts, flight.angles[part])
         forces = np.array([axis in FORCES for axis in axes])
         low, high = at_bounds(flight.speeds[part], pilot.vehicle)
         movable = np.greater(*reversed(pilot.vehicle.speed_limits))
@@ -172,23 +173,19 @@ def _legs(
             waypoint = change.waypoint or waypoint
 
 
-def _served(vehicle: Vehicle, thrusts: Array, angles: Array) -> Array:
-    """Return the wrenches (K, m) of thrusts (K, n), and of servo angles (K, k) [rad]."""
-    if vehicle.tilts is None:
-        return thrusts @ control_allocation_matrix(vehicle).T
-    rows = [AXES.index(axis) for axis in vehicle.axes]
-    pairs = zip(thrusts, angles, strict=True)
-    return np.array([rotor_wrenches(vehicle, turned)[rows] @ f for f, turned in pairs])
+def has_margin(problem: AllocationProblem) -> bool:
+    """Return whether facets give the margins; a search takes 50 ms for a wrench."""
+    return problem.facet_choices <= CHOICES_MAX
 
 
 def _margin(vehicle: Vehicle, axes: Sequence[str], wrenches: Array) -> Any:
     """Return the margin (K,) of wrenches in the set of a vehicle and of the axes in common."""
     common = tuple(axis for axis in vehicle.axes if axis in axes)
-    if vehicle.tilts is not None:
-        return np.nan  # it is found by a search, which takes 50 ms for a wrench
     try:
         admissible = AdmissibleSet(replace(vehicle, axes=common))
     except ValueError:
+        return np.nan
+    if not has_margin(admissible.problem):
         return np.nan
     return admissible.margin(wrenches[:, [axes.index(axis) for axis in common]])
 

@@ -68,7 +68,8 @@ def draw(
         if study.failures.failures:
             last = max(study.moments) + AFTER
             span = max(0.0, min(study.moments) - 1.0), min(study.end, last)
-            shown = [row for row in FAILURE_ROWS if row != 'margin' or study.vehicle.tilts is None]
+            margins = [frame['margin'].notna().any() for frame in study.samples.values()]
+            shown = [row for row in FAILURE_ROWS if row != 'margin' or any(margins)]
             plots['failure'] = _draw_rows(study, shown, 1.1, span)
         if rows:
             plots['rows'] = _draw_rows(study, rows, 1.1)

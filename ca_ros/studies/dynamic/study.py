@@ -25,7 +25,13 @@ from ca_ros.simulation.record import Flight
 from ca_ros.studies.cases import Case
 from ca_ros.studies.dynamic.animation import animate
 from ca_ros.studies.dynamic.manoeuvres import MANOEUVRES, fly_seeds, summary
-from ca_ros.studies.dynamic.metrics import RECOVERED, Flights, metrics, sample_errors
+from ca_ros.studies.dynamic.metrics import (
+    RECOVERED,
+    Flights,
+    has_margin,
+    metrics,
+    sample_errors,
+)
 from ca_ros.studies.dynamic.paper_checks import findings, observe
 from ca_ros.studies.dynamic.plots import ROWS, draw
 from ca_ros.studies.dynamic.ros_flight import check, fly_over_ros
@@ -54,7 +60,7 @@ def _study(options: argparse.Namespace) -> None:
         print(_fly_manoeuvres(case, allocators, options))
         print(f'written: manoeuvres.csv, .json and .md in {options.out}')
         return
-    if 'margin' in options.plot_rows and case.vehicle.tilts is not None:
+    if 'margin' in options.plot_rows and not has_margin(case.problem):
         raise ParameterError('--plot-rows margin: expected a vehicle whose rotors do not tilt')
     failures = failures_of(options)
     failures.check(case.vehicle)

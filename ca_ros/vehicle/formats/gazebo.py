@@ -9,7 +9,6 @@ from functools import partial
 from xml.etree import ElementTree
 
 from ca_ros.arguments import command
-from ca_ros.vehicle.servos import refuse_tilts
 from ca_ros.vehicle.vehicle import Vehicle
 
 TOPIC = 'command/motors'
@@ -20,7 +19,7 @@ def motor_models(vehicle: Vehicle) -> str:
 
     Raises a ValueError if Gazebo's model is not that of the rotors.
     """
-    refuse_tilts(vehicle.tilts, 'model of Gazebo')
+    vehicle.servos.refuse('model of Gazebo')
     if (vehicle.speed_min < 0.0).any():
         raise ValueError('rotors reverse (rotors.speed_min < 0), which Gazebo does not support')
     if not vehicle.curve.square:
