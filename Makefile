@@ -137,11 +137,11 @@ ca_ros/explorer.html: $(wildcard explorer/*.* explorer/src/* ca_ros/kernel/*.[ch
 docs: page = $(wildcard ca_ros/explorer.html)
 docs: .venv/.docs
 	rm -rf out/docs out/docs-source
-	mkdir -p out/docs-source
-	cp -r docs/*.md docs/*.rst docs/*.png docs/*.gif docs/conf.py docs/templates out/docs-source
-	sed 's#](docs/#](#g' README.md | cat - docs/index.md > out/docs-source/index.md
-	$(if $(page),sed -i 's#^!\[The explorer.*#<a href="explorer.html">&</a>#' out/docs-source/index.md)
-	.venv/bin/python -m sphinx -q -W --keep-going -b html out/docs-source out/docs
+	mkdir -p out/docs-source/docs
+	cp README.md CHANGELOG.rst out/docs-source
+	cp -r docs/*.md docs/*.rst docs/*.png docs/*.gif docs/conf.py docs/static docs/templates out/docs-source/docs
+	$(if $(page),sed -i 's#^!\[The explorer.*#<a href="explorer.html">&</a>#' out/docs-source/README.md)
+	.venv/bin/python -m sphinx -q -W --keep-going -b html out/docs-source/docs out/docs
 	$(if $(page),cp $(page) out/docs)
 	@echo 'Written: out/docs/index.html'
 
