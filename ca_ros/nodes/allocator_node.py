@@ -88,7 +88,7 @@ class AllocatorNode(Node):
         self._offer()
         self.streams.subscribe(topics.WRENCH, self._serve, messages.read_wrench)
         self.diagnostics.start(
-            self._levels, self._values, self.streams, self.watchdog.watch, self.belief.log)
+            self._levels, self._values, self.streams, self.watchdog.watch, log=self.belief.log)
         if find_spec('osqp') is None:
             known = 'allocation.exact.solver can only be newton, which gives the same answers'
             self.get_logger().info(f'osqp is not installed: {known}')

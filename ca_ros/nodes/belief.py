@@ -142,12 +142,16 @@ class Belief:
 
     def _adopt(self, prepared: Any) -> None:
         self._current.adopt(prepared)
+        self._notify()
+
+    def _notify(self) -> None:
         self._adopted()
+        self._diagnostics.wait()
 
     def _receive_health(self, message: Float64MultiArray) -> None:
         try:
             if self._current.report(topics.ROTOR_HEALTH.name, np.array(message.data)):
-                self._adopted()
+                self._notify()
         except ParameterError as error:
             self._diagnostics.counts['refused health'] += 1
             self._diagnostics.warn('health', f'refused {error}')
@@ -159,7 +163,7 @@ class Belief:
     def _receive_battery(self, message: Any) -> None:
         try:
             if self._current.measure(float(message.voltage)):
-                self._adopted()
+                self._notify()
         except ParameterError as error:
             self._diagnostics.counts['refused voltages'] += 1
             self._diagnostics.warn('voltage', f'refused {error}')

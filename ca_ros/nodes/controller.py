@@ -79,8 +79,8 @@ class ControllerNode(Node):
         self.streams.subscribe(topics.POSE, self._receive_pose)
         self.streams.subscribe(topics.VELOCITY, self._receive_velocity)
         self.diagnostics.start(
-            self._levels, self._values, self.streams, self.watchdog.watch, self.belief.log,
-            self._log_waypoint)
+            self._levels, self._values, self.streams, self.watchdog.watch,
+            self._log_waypoint, log=self.belief.log)
 
     def _adopt(self) -> None:
         self.controller: Controller = self.belief.made

@@ -59,17 +59,25 @@ class Diagnostics:
         self._notes: list[Level] = []
         self._published: Level | None = None
         self._dropped_before = 0
+        self._waits = self._waited = False
 
     def start(
         self, levels: Callable[[], Iterable[Level]], values: Callable[[], Mapping[str, object]],
-        streams: Streams, *chores: Callable[[], None],
+        streams: Streams, *chores: Callable[[], None], log: Callable[[], None] = lambda: None,
     ) -> None:
-        """Publish /diagnostics once a second and on change; before, each `TICK`, do the chores."""
+        """Publish /diagnostics once a second and on change; before, each `TICK`, do the chores.
+
+        `log` is called before /diagnostics is published; see `wait`.
+        """
         self._levels, self._values, self._streams = levels, values, streams
-        self._chores = streams.look, *chores
+        self._chores, self._log = (streams.look, *chores), log
         self._looked = monotonic()
         self._publisher = DiagnosticsPublisher(self._node, self._hardware_id)
         self._node.create_timer(TICK, self._tick, clock=STEADY)
+
+    def wait(self) -> None:
+        """Say nothing in the next tick: a command may wait that is to obey the news first."""
+        self._waits = True
 
     def drop(self, reason: str, what: str) -> None:
         """Count a message that is not served, and log the reason, rate limited."""
@@ -99,6 +107,12 @@ class Diagnostics:
         now = monotonic()
         for chore in self._chores:
             chore()
+        waits, self._waits = self._waits, False
+        # News at each tick do not silence the node.
+        self._waited = waits and not self._waited
+        if self._waited:
+            return
+        self._log()
         if now >= self._looked + 1.0:
             self._looked = now
             self._look_around()

@@ -82,8 +82,8 @@ class MonitorNode(Node):
         self._publish(None)
         self._announced = False
         self.diagnostics.start(
-            self._levels, self._values, self.streams, self.watchdog.watch, self.belief.log,
-            self._publish_announced)
+            self._levels, self._values, self.streams, self.watchdog.watch,
+            self._publish_announced, log=self.belief.log)
 
     def _adopt(self) -> None:
         self.detector: Detector = self.belief.made

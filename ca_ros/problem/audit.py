@@ -7,14 +7,18 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem import controllability
-from ca_ros.problem.controllability import INDEPENDENCE_MIN, lift, unit, unit_rows
+from ca_ros.problem.controllability import (
+    INDEPENDENCE_MIN,
+    STATED_CHOICES_MAX,
+    lift,
+    unit,
+    unit_rows,
+)
 from ca_ros.problem.vehicle_problem import VehicleProblem, problem_of, vehicle_of
 from ca_ros.settings import ParameterError, read
 from ca_ros.solver.zonotope import facet_normals
 from ca_ros.vehicle.settings import AxesSettings
 from ca_ros.vehicle.vehicle import Vehicle
-
-STATED_CHOICES_MAX = 2000  # facet candidates up to which the hover margin is stated: 1 ms
 
 ROUNDED = 1e-8, 2e-3
 """Angles between facets that are parallel except for three to eight digits of a file [rad].
@@ -95,11 +99,16 @@ class Audit:
         return controllability.hover_margin(self.controllable)
 
     @cached_property
+    def _hover_thrusts(self) -> Array:
+        return controllability.hover_thrusts(self.controllable)
+
+    @cached_property
     def spin_torque(self) -> float:
         """The yaw torque that remains in hover if yaw is lost, and spins the vehicle [N m]."""
         if not self.keeps_hovering:
             return 0.0
-        return controllability.spin_torque(self.full, self.controllable)
+        kept = self.controllable.axes
+        return controllability.spin_torque(self.full, kept, self._hover_thrusts)
 
     @cached_property
     def side_force(self) -> Array:
@@ -109,7 +118,7 @@ class Audit:
         """
         if not self.keeps_hovering or 'thrust' not in self.controllable.axes:
             return np.zeros(2)
-        return controllability.side_force(self.controllable)
+        return controllability.side_force(self.controllable, self._hover_thrusts)
 
     @cached_property
     def authority(self) -> dict[str, tuple[float, float]]:
@@ -131,6 +140,10 @@ class Audit:
 
     def __str__(self) -> str:
         """Return the audit in one line."""
+        return self._text
+
+    @cached_property
+    def _text(self) -> str:
         parts = [f'{", ".join(axes)} lost ({why})' for axes, why in self._losses() if axes]
         if self.spin_torque:
             parts.append(f'hover leaves a yaw torque of {self.spin_torque:+.2g} N m: it spins')
@@ -197,13 +210,12 @@ class Audit:
 
     def _losses(self) -> list[tuple[list[str], str]]:
         """Return the lost axes by cause."""
-        axes, least = len(self.independence), min(self.independence.values())
-        dependent = (
-            f'independence {least:.2g}, at least {INDEPENDENCE_MIN:g} is needed'
-            if self.rank == axes
-            else f'the allocation matrix has rank {self.rank} for {axes} axes'
-        )
-        kept = self.vehicle.axes
+        kept, axes, dependent = self.vehicle.axes, len(self.full.axes), ''
+        if len(kept) < axes:
+            dependent = f'the allocation matrix has rank {self.rank} for {axes} axes'
+            if self.rank == axes:
+                least = min(self.independence.values())
+                dependent = f'independence {least:.2g}, at least {INDEPENDENCE_MIN:g} is needed'
         return [
             ([axis for axis in self.lost if axis not in kept], dependent),
             ([axis for axis in self.lost if axis in kept], 'given up for hover'),

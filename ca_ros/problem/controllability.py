@@ -1,6 +1,6 @@
 """Which axes of a problem the rotors can control: independence, hover, axes to give up."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -8,8 +8,6 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.problem.vectored_priorities import prioritization_of
 from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle
@@ -25,6 +23,8 @@ At 0.05 a command along the axis takes twenty times the thrusts that it would ta
 SIDE_FORCE_MIN = 1e-6  # least force that counts, as a share of the weight
 
 DEPENDENT = 1e-6  # singular value below which a pseudo-inverse has too few digits
+
+STATED_CHOICES_MAX = 2000  # facet candidates up to which facets answer questions of hover: 1 ms
 
 Axes = tuple[str, ...]
 
@@ -123,37 +123,38 @@ def _give_up(axes: Axes, good: Callable[[Axes], bool]) -> Axes:
     return axes
 
 
-def spin_torque(full: VehicleProblem, controllable: VehicleProblem) -> float:
-    """Return the yaw torque nearest to zero with which the axes of `controllable` hover [N m]."""
-    if 'yaw' in controllable.axes or 'yaw' not in full.axes:
+def hover_thrusts(problem: VehicleProblem) -> Array:
+    """Return the least thrusts (n,) with which the axes of a problem hover [N]."""
+    if isinstance(problem, TiltingVehicleProblem):
+        return problem.least_norm.solve(problem.hover[None]).points[0]
+    tolerance = float(problem.tolerance(problem.hover))
+    return problem.least_norm.solve(problem.hover, tolerance).thrusts
+
+
+def spin_torque(full: VehicleProblem, kept: Sequence[str], thrusts: Array) -> float:
+    """Return the yaw torque nearest to zero with which some axes hover [N m].
+
+    `kept`: these axes.  `thrusts` (n,): with which they hover [N].
+    """
+    if 'yaw' in kept or 'yaw' not in full.axes:
         return 0.0
-    axes = tuple(axis for axis in full.axes if axis in (*controllable.axes, 'yaw'))
+    axes = tuple(axis for axis in full.axes if axis in (*kept, 'yaw'))
     with_yaw = full.part(axes)
-    place = axes.index('yaw')
+    start = with_yaw.gamma @ thrusts
+    yaw = np.where(np.array(axes) == 'yaw', start, 0.0)
     if with_yaw.has_volume:
-        rows = [row for row in range(len(axes)) if row != place]
-        yaw = float(prioritization_of(with_yaw, [rows, [place]])(with_yaw.hover)[0][place])
-    elif isinstance(controllable, VectoredProblem):
-        found = controllable.least_norm.solve(controllable.hover[None])
-        yaw = float(with_yaw.gamma[place] @ found.points[0])
-    else:
-        tolerance = float(controllable.tolerance(controllable.hover))
-        thrusts = controllable.least_norm.solve(controllable.hover, tolerance).thrusts
-        yaw = float(with_yaw.gamma[place] @ thrusts)
-    return yaw if abs(yaw) > 1e-9 else 0.0
+        yaw = yaw * (1.0 - with_yaw.reach(start, -yaw, 1.0))
+    return float(yaw.sum()) if np.abs(yaw).max() > 1e-9 else 0.0
 
 
-def side_force(problem: VehicleProblem) -> Array:
-    """Return the force (2,) along x and y that hover of least norm leaves [N].
+def side_force(problem: VehicleProblem, thrusts: Array) -> Array:
+    """Return the force (2,) along x and y that hover with thrusts (n,) leaves [N].
 
     It is zero where the force is an axis of the problem.
     """
     if isinstance(problem, TiltingVehicleProblem):
-        thrusts = problem.least_norm.solve(problem.hover[None]).points[0]
         force = problem.wrenches[:2] @ thrusts
     else:
-        tolerance = float(problem.tolerance(problem.hover))
-        thrusts = problem.least_norm.solve(problem.hover, tolerance).thrusts
         force = rotor_wrenches(problem.vehicle)[:2] @ thrusts
     # What an allocation serves is served to rounding.
     served = [axis in problem.axes for axis in ('force_x', 'force_y')]
@@ -163,8 +164,10 @@ def side_force(problem: VehicleProblem) -> Array:
 
 def authority(problem: VehicleProblem) -> dict[str, tuple[float, float]]:
     """Return the range of each axis around hover with the other axes at hover [N, N m]."""
-    found = {}
-    for axis, way, size in zip(problem.axes, np.diag(problem.extent), problem.extent, strict=True):
-        low, high = (problem.reach(problem.hover, sign * way) for sign in (-1.0, 1.0))
-        found[axis] = -float(low * size), float(high * size)
-    return found
+    ways = np.diag(problem.extent)
+    if problem.facet_choices <= STATED_CHOICES_MAX:
+        ends = problem.attainable_set.reach(problem.hover, np.concatenate([-ways, ways]))
+    else:
+        ends = np.array([problem.reach(problem.hover, way) for way in (*-ways, *ways)])
+    low, high = (ends.reshape(2, -1) * [[-1.0], [1.0]] * problem.extent).tolist()
+    return dict(zip(problem.axes, zip(low, high, strict=True), strict=True))

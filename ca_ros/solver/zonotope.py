@@ -63,6 +63,16 @@ class Zonotope:
         heights = (u - self.center) @ self.normals.T
         return (self.widths - np.abs(heights)).min(axis=-1)
 
+    def reach(self, start: Array, ways: Array) -> Array:
+        """Return the greatest t (...) for which ``start + t way`` is in the set.
+
+        `start` (m,): in the set.  `ways` (..., m).
+        """
+        rates, height = ways @ self.normals.T, (start - self.center) @ self.normals.T
+        slanted = self.slanted(rates, ways)
+        ends = (self.widths - np.sign(rates) * height) / np.where(slanted, np.abs(rates), 1.0)
+        return np.where(slanted, ends, np.inf).min(axis=-1)
+
     def slanted(self, rates: Array, directions: Array) -> BoolArray:
         """Tell which rates ``directions @ normals.T`` (..., k) are more than rounding errors."""
         size = np.abs(directions / self._extent).max(axis=-1)
