@@ -18,7 +18,6 @@ from ca_ros.allocation import (
     WeightedPseudoInverse,
     make_allocator,
 )
-from ca_ros.allocation.allocator import takes_settings
 from ca_ros.allocation.slew import SlewLimited
 from ca_ros.allocation.tilt_rates import TiltLimited
 from ca_ros.errors import CaRosError
@@ -36,7 +35,7 @@ __all__ = [
     'Interval', 'ParameterError', 'PseudoInverse', 'RedistributedPseudoInverse', 'Sector',
     'SequentialDesaturation', 'Settings', 'SlewLimited', 'Status', 'TiltLimited',
     'VectoredProblem', 'Vehicle', 'WeightedLeastSquares', 'WeightedPseudoInverse', 'audit',
-    'control_allocation_matrix', 'make_allocator', 'setting', 'takes_settings',
+    'control_allocation_matrix', 'make_allocator', 'setting',
 ]  # fmt: skip
 
 

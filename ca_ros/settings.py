@@ -20,7 +20,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from math import inf, isfinite, nan
-from textwrap import wrap
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -36,8 +35,6 @@ REQUIRED = object()  # the default of a setting that a file must have
 
 LARGEST, SMALLEST = 1e9, 1e-30  # positive numbers; products of others could overflow
 WEIGHTS_MAX = 1e4  # greatest ratio of two weights
-
-INDENT = '    '
 
 SWITCH: dict[str, Any] = {'enabled': True, 'disabled': False}
 
@@ -87,6 +84,7 @@ class Field:
     - `own_class`: whether ``module:Class`` is allowed beside the choices
     - `mutable`: whether it can be set on a running node
     - `rebuild`: whether a node then builds its allocator, controller or plant again
+    - `python_only`: whether files and nodes do not have it
     """
 
     description: str
@@ -102,6 +100,7 @@ class Field:
     own_class: bool = False
     mutable: bool = False
     rebuild: bool = True
+    python_only: bool = False
 
     def range(self) -> str:
         """Return a phrase for the allowed values."""
@@ -135,8 +134,7 @@ def setting(
     Parameters
     ----------
     default : optional
-        Without a default, the setting must be given.  A setting whose default is None is for
-        Python alone: files and nodes do not have it.
+        Without a default, the setting must be given.
     description, unit : str
     **limits
         Attributes of `Field`, such as `minimum`, `positive`, `choices` and `mutable`.
@@ -159,13 +157,6 @@ class Settings:
     A limit between settings is checked in `__post_init__`, after that of this class; the message
     of its `ParameterError` begins with the name of a setting.
     """
-
-    def __new__(cls, *_: Any, **given: Any) -> Any:
-        known = [each.name for each in dataclasses.fields(cls)] if given else []
-        for name in given:
-            if name not in known:
-                raise TypeError(f'no setting {name!r}: expected {", ".join(known) or "none"}')
-        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         for name, field in _fields(type(self)).items():
@@ -214,17 +205,6 @@ def _fields(kind: type[Settings]) -> Mapping[str, Field | type[Settings]]:
     return found
 
 
-def described(kind: type[Settings]) -> list[str]:
-    """Return the lines of the section Parameters of a docstring: the settings of a class."""
-    lines = []
-    for name, field in _fields(kind).items():
-        if isinstance(field, Field):
-            default = '' if field.default is REQUIRED else f', default {_listed(field.default)!r}'
-            lines += [f'{name} : {field.range()}{default}']
-            lines += wrap(field.description, 95, initial_indent=INDENT, subsequent_indent=INDENT)
-    return lines
-
-
 def with_groups(
     base: type[S], groups: Mapping[str, type[Settings]], recipe: tuple[Callable[..., Any], Any]
 ) -> type[S]:
@@ -255,7 +235,7 @@ def table(kind: type[Settings], prefix: str = '') -> Mapping[str, Field]:
     for name, field in _fields(kind).items():
         if isinstance(field, type):
             found.update(table(field, f'{prefix}{name}.'))
-        elif field.default is not None:
+        elif not field.python_only:
             found[prefix + name] = field
     return found
 
@@ -272,7 +252,7 @@ def read(kind: type[S], given: Mapping[str, Any], prefix: str = '') -> S:
         full = prefix + name
         if isinstance(field, type):
             values[name] = read(field, given, f'{full}.')
-        elif field.default is not None:
+        elif not field.python_only:
             value = given.get(full, field.default)
             if value is REQUIRED or value is None:
                 raise MissingParameterError(f'{full}: missing; it is the {field.description}')
@@ -290,7 +270,7 @@ def flat(settings: Settings, prefix: str = '') -> dict[str, Any]:
         value = getattr(settings, name)
         if isinstance(value, Settings):
             values.update(flat(value, f'{prefix}{name}.'))
-        elif not (isinstance(field, Field) and field.default is None):
+        elif not (isinstance(field, Field) and field.python_only):
             values[prefix + name] = _listed(value)
     return values
 

@@ -250,8 +250,8 @@ from ca_ros.allocation import Status
 
 
 class Own(PseudoInverse):
-    def __init__(self, vehicle):
-        super().__init__(vehicle)
+    def _set_up(self):
+        super()._set_up()
         if self.problem.vehicle.health[0] == 0.5:
             raise RuntimeError('no such vehicle')
 

@@ -3,7 +3,6 @@
 import math
 from contextlib import suppress
 from copy import deepcopy
-from inspect import signature
 
 import numpy as np
 import pytest
@@ -376,16 +375,18 @@ def test_old_names_are_read_with_one_warning(tmp_path):
 @pytest.mark.parametrize('method', ALLOCATORS)
 def test_a_class_takes_the_settings_of_its_method(method):
     kind = ALLOCATORS[method]
-    fields = table(kind.settings_type())
-    vehicle = Vehicle.load('hexarotor')
-    given = signature(kind).parameters
-    assert {*fields} <= {*given}
-    assert all(given[name].default == fields[name].default for name in fields)
+    fields, vehicle = table(kind.settings_type), Vehicle.load('hexarotor')
+    for name in fields:
+        assert f'    {name} : ' in kind.__doc__, name
     allocator = kind(vehicle)
-    assert allocator.settings == kind.settings_type()()
-    assert not fields or kind(vehicle, allocator.settings).settings is allocator.settings
+    assert allocator.settings == kind.settings_type()
+    assert kind(vehicle, allocator.settings).settings is allocator.settings
     with pytest.raises(TypeError, match='colour'):
         kind(vehicle, colour='red')
+    with pytest.raises(TypeError, match=r'expected one \w*Settings, or settings by keyword, got '):
+        kind(vehicle, 'red')
+    if fields:
+        assert kind(vehicle, **vars(allocator.settings)).settings == allocator.settings
 
 
 def test_a_method_checks_its_options_as_its_parameters():

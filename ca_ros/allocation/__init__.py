@@ -42,7 +42,7 @@ def method_class(method: str) -> type[Allocator]:
 
     The module is imported from Python's path or the working directory.  Raises a ValueError if
     there is no such method, the import fails, or the class is not a complete subclass of
-    `Allocator` that can be made from a vehicle alone.
+    `Allocator` that can be made from a problem and settings.
     """
     if method in ALLOCATORS:
         return ALLOCATORS[method]
@@ -67,9 +67,12 @@ def method_class(method: str) -> type[Allocator]:
     if missing := ', '.join(sorted(found.__abstractmethods__)):
         raise ValueError(f'{method}: the class does not define {missing}')
     try:
-        signature(found).bind(None)
-    except TypeError as error:
-        raise ValueError(f'{method}: cannot be made from a vehicle: {error}') from None
+        signature(found).bind(None, None)
+    except TypeError:
+        raise ValueError(
+            f'{method}: expected no __init__, or one that takes (problem, settings, /, **given); '
+            '_set_up is for what all answers share'
+        ) from None
     return found
 
 
@@ -108,7 +111,7 @@ def make_allocator(
         problem = accept(problem, lost_axes).independent
     elif lost_axes is not None:
         raise ValueError('lost_axes: only vehicles are audited, an AllocationProblem is not')
-    return allocator_with(kind, problem, kind.settings_type()(**options))
+    return allocator_with(kind, problem, kind.settings_type(**options))
 
 
 def allocator_with(
@@ -117,9 +120,9 @@ def allocator_with(
     """Return the allocator of a class and its settings; see `make_allocator`."""
     if isinstance(problem, VehicleProblem) and problem.vehicle.powerless:
         # The settings must suit the rotors when they return.
-        kind.made(accept(problem.vehicle.with_health(1.0), 'drop').independent, settings)
+        kind(accept(problem.vehicle.with_health(1.0), 'drop').independent, settings)
         return Powerless(problem)
-    return kind.made(problem, settings)
+    return kind(problem, settings)
 
 
 __all__ = [

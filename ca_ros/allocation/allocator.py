@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import replace
-from inspect import Parameter, Signature, cleandoc, signature
-from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,74 +15,47 @@ from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vehicle_problem import problem_of
-from ca_ros.settings import ParameterError, Settings, described
+from ca_ros.settings import ParameterError, Settings
 from ca_ros.vehicle.vehicle import Vehicle
 
-P = ParamSpec('P')
-S = TypeVar('S')
-A = TypeVar('A')
-
 Subject = Vehicle | AllocationProblem  # what an allocator is for
-HEADING = re.compile(r'^(?=\w+\n---)', re.MULTILINE)  # where a section of a docstring begins
-
-
-def takes_settings(
-    kind: Callable[P, S],
-) -> Callable[
-    [Callable[[A, Subject, S], None]],
-    Callable[Concatenate[A, Subject, P], None],
-]:
-    """Decorate the ``__init__`` of a method that takes a problem and the settings of a class.
-
-    The method then takes the settings as keyword arguments, or as one object after the problem.
-    They are its attribute `settings`.
-    """
-
-    def decorate(init: Any) -> Any:
-        def __init__(self: Any, problem: Any, settings: Any = None, /, **given: Any) -> None:
-            if settings is None:
-                settings = kind(**given)  # type: ignore[call-arg]
-            elif given:
-                raise TypeError(f'expected settings or {", ".join(given)}, got both')
-            # The method that is made, not its base class, has the settings.
-            if not hasattr(self, 'settings'):
-                self.settings = settings
-            init(self, problem, settings)
-
-        first = [Parameter(name, Parameter.POSITIONAL_ONLY) for name in ('self', 'problem')]
-        given = signature(kind).parameters.values()
-        vars(__init__).update(__signature__=Signature([*first, *given]), settings_type=kind)
-        __init__.__doc__ = init.__doc__
-        return __init__
-
-    return decorate
 
 
 class Allocator(ABC):
     """Distributes a wrench among the rotors of a vehicle, or u among the effectors of a problem.
 
-    A method is a subclass that implements `_allocate`.  The result depends only on the wrench, not
-    on earlier wrenches.  A method with settings declares them in a subclass of `Settings`, which
-    its ``__init__`` takes (`takes_settings`).  In the file of a vehicle and on a node they are
-    ``allocation.METHOD.NAME``, where METHOD is the name in `ALLOCATORS`, or ``Class`` for one's
-    own ``module:Class``.
+    A method is a subclass that implements `_allocate`, and `_set_up` for what all its answers
+    share.  The result depends only on the wrench, not on earlier wrenches.  A method with settings
+    declares them in a subclass of `Settings`, its `settings_type`.  In the file of a vehicle and
+    on a node they are ``allocation.METHOD.NAME``, where METHOD is the name in `ALLOCATORS`, or
+    ``Class`` for one's own ``module:Class``.
 
     Parameters
     ----------
     problem : Vehicle or AllocationProblem
         A vehicle is audited (`ca_ros.problem.audit.accept`); a problem is not.
+    settings : Settings, optional
+        Of the class `settings_type`.
+    **given
+        The same one by one, by keyword: ``Exact(vehicle, policy='scale')``.
 
     Attributes
     ----------
+    problem : AllocationProblem
     settings : Settings
 
     Raises
     ------
     ParameterError
-        If the vehicle cannot control every axis or cannot hover, and its `lost_axes` is 'refuse'.
+        If the vehicle cannot control every axis or cannot hover, and its `lost_axes` is 'refuse',
+        or a setting is wrong.
+    TypeError
+        If the method has no such setting.
     """
 
-    settings: Settings
+    settings_type: ClassVar[type[Settings]] = Settings
+    """The class of the settings."""
+    settings: Any
     solves: ClassVar[str] = ''
     """For the table in docs/parameters.md; if empty, it has the first line of the docstring."""
     guarantees: ClassVar[str] = 'the bounds'
@@ -95,18 +65,16 @@ class Allocator(ABC):
     engine: str = 'NumPy'
     """What works out the thrusts."""
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        """Put the settings of the method into its docstring, as the section Parameters."""
-        super().__init_subclass__(**options)
-        text = cleandoc(cls.__doc__ or '')
-        if text and 'Parameters\n-' not in text:
-            head, *rest = HEADING.split(text, maxsplit=1)
-            names = ['problem : Vehicle or AllocationProblem', *described(cls.settings_type())]
-            parameters = '\n'.join(['Parameters', '----------', *names])
-            cls.__doc__ = '\n\n'.join([head.rstrip(), parameters, *rest])
-
-    @takes_settings(Settings)
-    def __init__(self, problem: Subject, settings: Settings) -> None:
+    def __init__(
+        self, problem: Subject, settings: Settings | None = None, /, **given: Any
+    ) -> None:
+        if settings is None:
+            settings = self.settings_type(**given)
+        elif given or not isinstance(settings, self.settings_type):
+            found = f'{settings!r} and {", ".join(given)}' if given else repr(settings)
+            kind = self.settings_type.__name__
+            raise TypeError(f'expected one {kind}, or settings by keyword, got {found}')
+        self.settings = settings
         self.problem = (
             accept(problem).independent if isinstance(problem, Vehicle) else problem_of(problem)
         )
@@ -116,20 +84,10 @@ class Allocator(ABC):
                 'vectors in sets such as rotors that tilt: exact, pseudo_inverse, '
                 'weighted_pseudo_inverse and weighted_least_squares take both'
             )
+        self._set_up()
 
-    @classmethod
-    def settings_type(cls) -> type[Settings]:
-        """Return the class of the settings."""
-        return getattr(cls.__init__, 'settings_type', Settings)
-
-    @classmethod
-    def made(cls, problem: AllocationProblem, settings: Settings) -> Allocator:
-        """Return an allocator for a problem, with settings of the class of `settings_type`."""
-        kind: Any = cls
-        # An `__init__` of one's own may take the problem alone.
-        taken = hasattr(cls.__init__, 'settings_type')
-        made: Allocator = kind(problem, settings) if taken else cls(problem)
-        return made
+    def _set_up(self) -> None:  # noqa: B027 (most methods need it, not all)
+        """Work out what all answers share, from `problem` and `settings`."""
 
     def allocate(self, u: ArrayLike) -> Allocation:
         """Allocate one wrench.
@@ -170,7 +128,7 @@ class Allocator(ABC):
         lower, upper = problem.clip(lower), problem.clip(upper)
         moved = problem.bounded(lower, upper)
         if moved.has_volume:
-            answer = type(self).made(moved, self.settings).allocate(u)
+            answer = type(self)(moved, self.settings).allocate(u)
         else:
             demand, thrusts = moved.check(u), moved.clip(moved.middle)
             answer = Allocation(moved, demand, thrusts, self._status(demand, thrusts))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
+from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.named_axes import mixer
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
@@ -38,6 +38,12 @@ class BetaflightMixer(Allocator):
     Forces along x and y are scaled like torques.  The problem needs the axis thrust, and no axes
     but those of a multirotor.
 
+    Parameters
+    ----------
+    problem : Vehicle or AllocationProblem
+    airmode : bool, default True
+        False: below half throttle the torques are scaled down.
+
     References
     ----------
     .. [1] Betaflight, applyMixerAdjustment in src/main/flight/mixer.c, as of 2026:
@@ -49,10 +55,11 @@ class BetaflightMixer(Allocator):
     )
     guarantees = 'the bounds, and the direction of the torques with equal, parallel rotors'
 
-    @takes_settings(BetaflightMixerSettings)
-    def __init__(self, problem: Subject, settings: BetaflightMixerSettings) -> None:
-        super().__init__(problem)
-        self.airmode = settings.airmode
+    settings_type = BetaflightMixerSettings
+    settings: BetaflightMixerSettings
+
+    def _set_up(self) -> None:
+        self.airmode = self.settings.airmode
         problem = self.problem
         columns, self._base, self._offset = mixer('betaflight_mixer', problem)
         self._thrust = problem.axes.index('thrust')

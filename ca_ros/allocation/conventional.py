@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
+from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
@@ -37,6 +37,14 @@ class Conventional(Allocator):
     reference 'hover' is m g / n on each rotor, or without a vehicle the smallest f that gives the
     reference of the problem.
 
+    Parameters
+    ----------
+    problem : Vehicle or AllocationProblem
+    weight : float, (n,) array or (n * n,) array, default 1e-4
+        Q: q for Q = q I, the diagonal, or the matrix row by row.
+    reference : {'hover', 'zero'} or (n,) array, default 'hover'
+        f_ref: hover thrusts, zero, or the thrusts [N].
+
     Raises
     ------
     ParameterError
@@ -45,12 +53,13 @@ class Conventional(Allocator):
 
     solves = 'quadratic program: min |f - f_ref|^2_Q + |Gamma f - u|^2 within the bounds'
 
-    @takes_settings(ConventionalSettings)
-    def __init__(self, problem: Subject, settings: ConventionalSettings) -> None:
-        super().__init__(problem)
+    settings_type = ConventionalSettings
+    settings: ConventionalSettings
+
+    def _set_up(self) -> None:
         n = self.problem.n
-        self.weight = _weight(settings.weight, n)
-        self.reference = _reference(settings.reference, self.problem)
+        self.weight = _weight(self.settings.weight, n)
+        self.reference = _reference(self.settings.reference, self.problem)
         self.hessian = self.weight + self.problem.gamma.T @ self.problem.gamma
         curvatures = np.linalg.eigvalsh(self.hessian)
         if curvatures[0] < 1e-9 * curvatures[-1]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, Subject
+from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.solver.lexicographic_lp import Simplex
@@ -31,8 +31,7 @@ class Direct(Allocator):
     solves = 'linear program: max alpha with Gamma f = alpha u within the bounds, 0 <= alpha <= 1'
     guarantees = 'the bounds, and the direction of u'
 
-    def __init__(self, problem: Subject) -> None:
-        super().__init__(problem)
+    def _set_up(self) -> None:
         problem = self.problem
         # Fractional parts of multiples of the golden ratio are far from each other.
         self.cost = 1.0 + np.arange(1, problem.n + 1) * GOLDEN % 1.0

@@ -10,7 +10,7 @@ import numpy as np
 from numpy import empty, ndarray
 from numpy.typing import ArrayLike
 
-from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
+from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.box_backend import NumpyEngine, kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.explanation import BY_ORDER, BY_POLICY, Explanation, explained
@@ -51,6 +51,31 @@ class Exact(Allocator):
     Where facets of the admissible set are almost parallel, because the vehicle is symmetric except
     for the rounding of its file, `residual_slack` keeps the thrusts from jumping.
 
+    Parameters
+    ----------
+    problem : Vehicle or AllocationProblem
+    policy : {'prioritize', 'scale', 'reject'}, default 'prioritize'
+        What is allocated for an unattainable wrench: its axes in the order of their priorities,
+        the wrench scaled towards a reference, or nothing.
+    order : sequence of str, default ('roll pitch', 'thrust', 'yaw', 'force_x force_y')
+        Priorities of 'prioritize': groups of axes, the most important first.
+    thrust_deviation : {'prevent', 'allow'}, default 'prevent'
+        Whether thrust may deviate from its demand so that no axis after the first group is
+        reversed: as far as necessary, or not at all.
+    airmode_limit : float or (2,) array, default 1
+        How far thrust may rise above its demand for roll and pitch, and for yaw, as shares of its
+        range.
+    scale_reference : (m,) array, optional
+        The reference of 'scale' [N, N m]; by default hover.
+    residual_slack : float, default 1e-9
+        Greatest error of an attainable wrench u, as a share of max(1, |u|).
+    weights : float or (n,) array, default 1
+        Diagonal of W, positive, at most 1e4 times each other.
+    preferred : float or (n,) array, default 0
+        Preferred thrusts f_p [N].
+    solver : {'newton', 'osqp'}, default 'newton'
+        Where the solver starts: at the pseudo-inverse, or at the solution of OSQP.
+
     Attributes
     ----------
     engine : str
@@ -65,12 +90,11 @@ class Exact(Allocator):
     solves = 'quadratic program: min |f|^2 with Gamma f = u within the bounds'
     guarantees = 'the bounds, and Gamma f = u for every admissible u'
     takes_vectors = True
+    settings_type = ExactSettings
     settings: ExactSettings
 
-    @takes_settings(ExactSettings)
-    def __init__(self, problem: Subject, settings: ExactSettings) -> None:
-        super().__init__(problem)
-        problem = self.problem
+    def _set_up(self) -> None:
+        problem, settings = self.problem, self.settings
         self._m, self._n = problem.gamma.shape
         self._preference = settings.preference(problem)
         self._vectored: VectoredEngine | None = None

@@ -40,7 +40,8 @@ class ExactSettings(PrioritiesSettings):
         'prioritize',
         'what exact allocates for an unattainable wrench. prioritize: the axes in the order of '
         'their priorities; scale: the wrench scaled towards hover; reject: nothing', mutable=True)
-    scale_reference: Numbers | None = setting(None, 'the reference of scale', unit='N, N m')
+    scale_reference: Numbers | None = setting(
+        None, 'the reference of scale', unit='N, N m', python_only=True)
     residual_slack: float = setting(
         1e-9,
         'greatest error of an attainable wrench u, as a share of max(1, |u|). It is used only for '

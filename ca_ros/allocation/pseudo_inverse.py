@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, Subject
+from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array
 
@@ -18,8 +18,7 @@ class PseudoInverse(Allocator):
     solves = 'f = sat(Gamma^+ u)'
     takes_vectors = True
 
-    def __init__(self, problem: Subject) -> None:
-        super().__init__(problem)
+    def _set_up(self) -> None:
         # Without the columns of lost rotors, the others produce the whole wrench.
         lost = (self.problem.lower == 0.0) & (self.problem.upper == 0.0)
         self._columns = self.problem.gamma * ~lost

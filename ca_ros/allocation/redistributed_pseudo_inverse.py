@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
+from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
 from ca_ros.allocation.weighted_pseudo_inverse import (
     WeightedPseudoInverseSettings,
@@ -32,6 +32,14 @@ class RedistributedPseudoInverse(Allocator):
     attainable wrenches may be missed.  With one iteration the method is the clipped
     pseudo-inverse.
 
+    Parameters
+    ----------
+    problem : Vehicle or AllocationProblem
+    weights : float or (n,) array, default 1
+        Weight of each rotor in the norm of the thrusts, positive, at most 1e4 times each other.
+    iterations : int, default 100
+        Greatest number of pseudo-inverses for one wrench.
+
     References
     ----------
     .. [1] J. C. Virnig and D. S. Bodden, "Multivariable control allocation and control law
@@ -46,11 +54,12 @@ class RedistributedPseudoInverse(Allocator):
         'generalised inverse)'
     )
 
-    @takes_settings(RedistributedPseudoInverseSettings)
-    def __init__(self, problem: Subject, settings: RedistributedPseudoInverseSettings) -> None:
-        super().__init__(problem)
-        self.weights = repeated('weights', settings.weights, self.problem.n)
-        self.iterations = settings.iterations
+    settings_type = RedistributedPseudoInverseSettings
+    settings: RedistributedPseudoInverseSettings
+
+    def _set_up(self) -> None:
+        self.weights = repeated('weights', self.settings.weights, self.problem.n)
+        self.iterations = self.settings.iterations
         # Rotors that cannot change their thrust are saturated from the start.
         self._movable = self.problem.half_range > 0.0
         self._rounding = EXACT_TOLERANCE * np.maximum(1.0, np.abs(self.problem.upper))

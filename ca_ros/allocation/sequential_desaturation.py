@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
+from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.named_axes import mixer
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, BoolArray
@@ -45,6 +45,12 @@ class SequentialDesaturation(Allocator):
     like roll and pitch, and never reduced.  Steps for axes that a vehicle has lost are left out.
     The problem needs the axis thrust, and no axes but those of a multirotor.
 
+    Parameters
+    ----------
+    problem : Vehicle or AllocationProblem
+    airmode : {'disabled', 'roll_pitch', 'roll_pitch_yaw'}, default 'disabled'
+        For which axes thrust may be raised.
+
     References
     ----------
     .. [1] PX4 Autopilot, ControlAllocationSequentialDesaturation, as of 2026:
@@ -56,10 +62,11 @@ class SequentialDesaturation(Allocator):
         'bounds, by the airmode (as in PX4)'
     )
 
-    @takes_settings(SequentialDesaturationSettings)
-    def __init__(self, problem: Subject, settings: SequentialDesaturationSettings) -> None:
-        super().__init__(problem)
-        self.airmode, problem = settings.airmode, self.problem
+    settings_type = SequentialDesaturationSettings
+    settings: SequentialDesaturationSettings
+
+    def _set_up(self) -> None:
+        self.airmode, problem = self.settings.airmode, self.problem
         self._columns, self._base, self._offset = mixer('sequential_desaturation', problem)
         self._strong = _strong(self._columns)
         self._yaw = problem.axes.index('yaw') if 'yaw' in problem.axes else None

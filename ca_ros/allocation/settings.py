@@ -54,7 +54,7 @@ def with_methods(base: type[M], own: tuple[str, ...] = ()) -> type[M]:
             kinds = {**ALLOCATORS, **{group_name(each): method_class(each) for each in own}}
         except ValueError as error:
             raise ParameterError(f'allocation.method: {error}') from None
-        groups = {name: kind.settings_type() for name, kind in kinds.items()}
+        groups = {name: kind.settings_type for name, kind in kinds.items()}
         _MADE[base, own] = with_groups(base, groups, (with_methods, (base, own)))
     return _MADE[base, own]
 
@@ -121,7 +121,7 @@ def check_other_methods(
 def _can_be_made(kind: type[Allocator], problem: AllocationProblem) -> bool:
     """Tell whether a method can be made for a problem with its default settings."""
     with suppress(ValueError):
-        allocator_with(kind, problem, kind.settings_type()())
+        allocator_with(kind, problem, kind.settings_type())
         return True
     return False
 

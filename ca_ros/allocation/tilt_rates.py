@@ -97,7 +97,7 @@ class TiltLimited:
             # The period is too short for any change.
             held = problem.clip(problem.middle)
             return Allocation(problem, problem.check(u), held, Status.INEXACT)
-        answer = Exact.made(problem, self.settings).allocate(u)
+        answer = Exact(problem, self.settings).allocate(u)
         if (problem.sizes(answer.thrusts) <= 1e-9 * self.vehicle.thrust_max).any():
             slopes = problem.least_norm.solve(answer.wrench[None]).multipliers[0]
             problem.wanted = problem.forces(slopes @ problem.gamma)

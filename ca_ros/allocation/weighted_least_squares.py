@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Allocator, Subject, takes_settings
+from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, constant
 from ca_ros.kernel.vectored import sets_newton
@@ -66,6 +66,20 @@ class WeightedLeastSquares(Allocator):
     By default, gamma is that of QCAT, the toolbox of the author of [1]_; Wv and f_p are those of
     Paparazzi [3]_.  Words of Wv for axes that the vehicle has not are ignored.
 
+    Parameters
+    ----------
+    problem : Vehicle or AllocationProblem
+    gamma : float, default 1e6
+        Weight of the wrench against the preferred thrusts.
+    wu : float or (n,) array, default 1
+        Weight of each deviation from a preferred thrust, positive, at most 1e4 times each other.
+    wv : sequence of str or (m,) array, default ('thrust 100', 'roll 1000', 'pitch 1000', 'yaw 1')
+        Weights of the axes; an axis that is not named has the weight 1.
+    preferred : {'zero', 'minimum', 'middle'} or (n,) array, default 'zero'
+        f_p: zero, the lower bounds, the middles of the bounds, or the thrusts [N].
+    iterations : int, default 100
+        Greatest number of least-squares problems for one wrench.
+
     References
     ----------
     .. [1] O. Harkegard, "Efficient active set algorithms for solving constrained least squares
@@ -83,15 +97,16 @@ class WeightedLeastSquares(Allocator):
 
     takes_vectors = True
 
-    @takes_settings(WeightedLeastSquaresSettings)
-    def __init__(self, problem: Subject, settings: WeightedLeastSquaresSettings) -> None:
-        super().__init__(problem)
+    settings_type = WeightedLeastSquaresSettings
+    settings: WeightedLeastSquaresSettings
+
+    def _set_up(self) -> None:
         problem = self.problem
-        self.wu = problem.spread('wu', settings.wu)
-        self.wv = _weights(settings.wv, problem.axes)
-        self.preferred = _preferred(settings.preferred, problem)
-        self.iterations = settings.iterations
-        self._scale = np.sqrt(settings.gamma) * self.wv
+        self.wu = problem.spread('wu', self.settings.wu)
+        self.wv = _weights(self.settings.wv, problem.axes)
+        self.preferred = _preferred(self.settings.preferred, problem)
+        self.iterations = self.settings.iterations
+        self._scale = np.sqrt(self.settings.gamma) * self.wv
         if self._scale.max() > RATIO_MAX * self.wu.min():
             raise ParameterError(
                 f'gamma: sqrt(gamma) Wv, up to {self._scale.max():g}, is more than {RATIO_MAX:g} '

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ca_ros.allocation.allocator import Subject, takes_settings
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.arrays import Array
 from ca_ros.settings import Numbers, Settings, check_ratio, repeated, setting
@@ -31,6 +30,12 @@ class WeightedPseudoInverse(PseudoInverse):
     the wrench, with W the diagonal matrix of the weights [1]_.  A rotor with a greater weight is
     used less; with equal weights the method is `PseudoInverse`.  Lost rotors are left out.
 
+    Parameters
+    ----------
+    problem : Vehicle or AllocationProblem
+    weights : float or (n,) array, default 1
+        Weight of each rotor, positive, at most 1e4 times each other.
+
     References
     ----------
     .. [1] W. Durham, K. A. Bordignon and R. Beck, Aircraft Control Allocation, Wiley, 2017.
@@ -38,10 +43,12 @@ class WeightedPseudoInverse(PseudoInverse):
 
     solves = 'f = sat(W^-1 (Gamma W^-1)^+ u), W the `weights` of the rotors'
 
-    @takes_settings(WeightedPseudoInverseSettings)
-    def __init__(self, problem: Subject, settings: WeightedPseudoInverseSettings) -> None:
-        super().__init__(problem)
-        self.weights = repeated('weights', settings.weights, self.problem.n)
+    settings_type = WeightedPseudoInverseSettings
+    settings: WeightedPseudoInverseSettings
+
+    def _set_up(self) -> None:
+        super()._set_up()
+        self.weights = repeated('weights', self.settings.weights, self.problem.n)
         self.inverse = weighted_inverse(self._columns, self.weights)
 
 

@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ca_ros.allocation import Allocation, AllocationProblem, Allocator, Status
-from ca_ros.allocation.allocator import Subject
 from ca_ros.allocation.direct import Direct
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.osqp_program import osqp_program
@@ -21,8 +20,8 @@ class FixedPseudoInverse(PseudoInverse):
     The share of a lost rotor is lost and not given to the others.
     """
 
-    def __init__(self, problem: Subject) -> None:
-        super().__init__(problem)
+    def _set_up(self) -> None:
+        super()._set_up()
         self.inverse = np.linalg.pinv(self.problem.gamma)
 
 
@@ -32,10 +31,9 @@ class DirectAboutHover(Allocator):
     From zero, which rotors that cannot stop cannot produce, it has no answer to many wrenches.
     """
 
-    def __init__(self, problem: Subject) -> None:
-        super().__init__(problem)
+    def _set_up(self) -> None:
         whole, reference = self.problem, self.problem.reference
-        self._still = Exact(problem).allocate(reference).thrusts
+        self._still = Exact(whole).allocate(reference).thrusts
         bounds = whole.lower - self._still, whole.upper - self._still
         self._direct = Direct(AllocationProblem(whole.gamma, *bounds, axes=whole.axes))
 
@@ -61,8 +59,7 @@ class PlainOsqp(Saturated):
 
     SETTINGS: ClassVar[dict[str, Any]] = {'warm_starting': False}
 
-    def __init__(self, problem: Subject) -> None:
-        super().__init__(problem)
+    def _set_up(self) -> None:
         try:
             self._solver, self._solve = osqp_program(self.problem, **self.SETTINGS)
         except ImportError:
@@ -86,8 +83,7 @@ class TightOsqp(PlainOsqp):
 class HierarchicalDaqp(Saturated):
     """The hierarchical program of DAQP, see `hierarchical`; a ValueError without the package."""
 
-    def __init__(self, problem: Subject) -> None:
-        super().__init__(problem)
+    def _set_up(self) -> None:
         try:
             self._solve = hierarchical(self.problem)
         except ImportError:
