@@ -18,7 +18,7 @@ from importlib import import_module
 NODES = ('controller', 'allocator', 'simulator')
 """The nodes of the loop, in the order in which `bringup` ends them: the source of commands first.
 
-`ca_ros.nodes.settings.DECLARED` has their parameters.
+`ca_ros.parameter_files.DECLARED` has their parameters.
 """
 
 COMMANDS = {

@@ -26,7 +26,7 @@ from benchmarks import wrenches
 from benchmarks.sizes import Sizes
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.messages import wrench_message
-from ca_ros.nodes.settings import load
+from ca_ros.parameter_files import load
 from ca_ros.nodes.topics import SPEED_COMMAND, WRENCH, offered, requested
 from ca_ros.process.processes import Deadline, Processes
 from ca_ros.vehicle.files import find

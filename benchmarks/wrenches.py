@@ -10,7 +10,7 @@ from ca_ros.arrays import Array
 from ca_ros.control.controller import Controller
 from ca_ros.control.controller_settings import ControllerSettings
 from ca_ros.control.waypoint import Waypoint
-from ca_ros.nodes.settings import load
+from ca_ros.parameter_files import load
 from ca_ros.settings import flat
 from ca_ros.simulation.closed_loop import fly
 from ca_ros.simulation.rigid_body import RigidBody

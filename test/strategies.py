@@ -13,7 +13,7 @@ from scipy.optimize import linprog
 
 from ca_ros import ParameterError, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.kernel import load
-from ca_ros.nodes.settings import FileSettings, load_for
+from ca_ros.parameter_files import FileSettings, load_for
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import flat, read
 from ca_ros.vehicle.settings import AXES

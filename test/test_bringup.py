@@ -21,7 +21,7 @@ from ca_ros.bringup.bringup import main, write_results
 from ca_ros.bringup.flight import Flown
 from ca_ros.bringup.options import parse
 from ca_ros.errors import CaRosError
-from ca_ros.nodes.settings import DECLARED
+from ca_ros.parameter_files import DECLARED
 from ca_ros.process import processes
 from ca_ros.testing import DEADLINE, executable
 from ca_ros_cli import NODES

@@ -15,7 +15,7 @@ from ca_ros.bringup.scenario import Timeline
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.errors import CaRosError
-from ca_ros.nodes.settings import DECLARED
+from ca_ros.parameter_files import DECLARED
 from ca_ros.nodes.topics import STANDING
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.testing import Diagnostics

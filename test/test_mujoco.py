@@ -15,7 +15,7 @@ from PIL import Image, ImageSequence
 from ca_ros import Vehicle, make_allocator
 from ca_ros.control.controller import Controller
 from ca_ros.control.waypoint import Waypoint
-from ca_ros.nodes.settings import load
+from ca_ros.parameter_files import load
 from ca_ros.simulation import closed_loop
 from ca_ros.simulation.drag import Drag
 from ca_ros.simulation.plant import Plant, body_of

@@ -16,7 +16,7 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
 from ca_ros.nodes.allocator_node import AllocatorNode
-from ca_ros.nodes.settings import DECLARED, AllocatorSettings, FileSettings
+from ca_ros.parameter_files import DECLARED, AllocatorSettings, FileSettings
 from ca_ros.settings import table
 from ca_ros.testing import Graph, wrench
 from ca_ros_cli import NODES

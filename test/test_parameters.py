@@ -11,7 +11,7 @@ import yaml
 from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
 from ca_ros.control.controller import Controller
 from ca_ros.control.controller_settings import ControllerSettings
-from ca_ros.nodes.settings import (
+from ca_ros.parameter_files import (
     DECLARED,
     AllocatorSettings,
     FileSettings,

@@ -11,7 +11,7 @@ from std_msgs.msg import Float64MultiArray
 import test_px4_rules as cases
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_message, twist_arrays
-from ca_ros.nodes.settings import Px4NodeSettings
+from ca_ros.parameter_files import Px4NodeSettings
 from ca_ros.px4.frames import State
 from ca_ros.px4.rules import topic
 from fake_px4 import MESSAGES, converted

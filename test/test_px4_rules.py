@@ -13,7 +13,7 @@ from ca_ros.control.controller_settings import ControllerSettings
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.kernel_detector import make_detector
-from ca_ros.nodes.settings import Px4Settings
+from ca_ros.parameter_files import Px4Settings
 from ca_ros.problem.audit import accept
 from ca_ros.px4.rules import Rules, topic
 from ca_ros.simulation.plant import body_of

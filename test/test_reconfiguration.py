@@ -13,7 +13,7 @@ from ca_ros import ParameterError, Vehicle
 from ca_ros.allocation.reconfiguration import VOLTAGE_STEP, Reconfiguration
 from ca_ros.allocation.settings import allocator_of
 from ca_ros.control.controller import Controller
-from ca_ros.nodes.settings import load
+from ca_ros.parameter_files import load
 from ca_ros.problem.audit import accept
 from strategies import length
 

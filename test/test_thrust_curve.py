@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from ca_ros import Exact, ParameterError, Vehicle
 from ca_ros.__main__ import main
-from ca_ros.nodes.settings import load
+from ca_ros.parameter_files import load
 from ca_ros.simulation.plant import Plant, body_of
 from ca_ros.studies.fit_thrust import summary
 from ca_ros.vehicle.files import read

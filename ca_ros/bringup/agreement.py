@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ca_ros.errors import CaRosError
-from ca_ros.nodes.settings import DECLARED
+from ca_ros.parameter_files import DECLARED
 from ca_ros.settings import table
 from ca_ros.vehicle.settings import MovingVehicleSettings
 from ca_ros_cli import NODES

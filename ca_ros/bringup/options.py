@@ -13,7 +13,7 @@ from ca_ros.bringup.plan import POSITION_TOLERANCE, Plan
 from ca_ros.figures import add_options as add_figure_options
 from ca_ros.nodes.executable import DEFAULT_VEHICLE, split
 from ca_ros.nodes.link_faults import FaultSettings
-from ca_ros.nodes.settings import NodeSettings
+from ca_ros.parameter_files import NodeSettings
 from ca_ros.settings import table
 
 REPLACEMENTS = {'plant': 'simulator', 'controller': 'controller', 'allocator': 'allocator'}

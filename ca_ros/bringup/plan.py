@@ -10,7 +10,7 @@ from ca_ros.control.trajectory import Trajectory
 from ca_ros.figures import WIDTHS
 from ca_ros.nodes.executable import vehicle_arguments, vehicle_of
 from ca_ros.nodes.fault_proxy import remaps
-from ca_ros.nodes.settings import DECLARED, HealthSettings, MonitorSettings, ViewerSettings
+from ca_ros.parameter_files import DECLARED, HealthSettings, MonitorSettings, ViewerSettings
 from ca_ros.nodes.topics import MARKERS
 from ca_ros.settings import ParameterError
 from ca_ros.simulation.rotor_failures import RotorFailures

@@ -21,7 +21,7 @@ from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.diagnostics import Diagnostics, Level
 from ca_ros.nodes.executable import parameter_arguments, parse, run, split
 from ca_ros.nodes.parameters import Parameters
-from ca_ros.nodes.settings import ProblemSettings
+from ca_ros.parameter_files import ProblemSettings
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import ParameterError, Settings, check_given, table

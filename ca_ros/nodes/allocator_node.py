@@ -25,7 +25,7 @@ from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.messages import WrenchCommand, fill_speeds, speeds_message, wrench_message
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.rotors import Rotors
-from ca_ros.nodes.settings import AllocatorSettings, CommandSettings, FileSettings
+from ca_ros.parameter_files import AllocatorSettings, CommandSettings, FileSettings
 from ca_ros.nodes.stream import TICK, Streams
 from ca_ros.nodes.watchdog import CommandWatch
 from ca_ros.settings import ParameterError, Settings, names_class

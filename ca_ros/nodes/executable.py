@@ -23,7 +23,7 @@ from ca_ros.input_files import check_file, read_text
 from ca_ros.nodes.console import ending_signals, never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.rclpy_internals import RCLError, RCLInvalidROSArgsError
-from ca_ros.nodes.settings import FileSettings, load_for
+from ca_ros.parameter_files import FileSettings, load_for
 from ca_ros.settings import ParameterError, Settings, table
 from ca_ros.vehicle.files import (
     YAML_MAX,

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ca_ros.nodes.rclpy_internals import given_parameters
-from ca_ros.nodes.settings import FileSettings, with_own_methods
+from ca_ros.parameter_files import FileSettings, with_own_methods
 from ca_ros.settings import (
     Field,
     MissingParameterError,

@@ -16,7 +16,7 @@ from ca_ros.nodes import messages, topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.parameters import Parameters
-from ca_ros.nodes.settings import SimulatorSettings
+from ca_ros.parameter_files import SimulatorSettings
 from ca_ros.nodes.stream import STEADY, Streams
 from ca_ros.nodes.topics import LOCKSTEP_DEPTH
 from ca_ros.nodes.watchdog import CommandWatch, fallback

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.nodes.settings import Px4Settings
+from ca_ros.parameter_files import Px4Settings
 from ca_ros.px4 import frames
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle

@@ -14,7 +14,7 @@ from ca_ros.allocation.reconfiguration import Reconfiguration
 from ca_ros.allocation.settings import MethodSettings, allocator_of, own_methods, with_methods
 from ca_ros.control.controller import Controller
 from ca_ros.detection.kernel_detector import Detector, make_detector
-from ca_ros.nodes.settings import FileSettings, with_own_methods
+from ca_ros.parameter_files import FileSettings, with_own_methods
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.vehicle_problem import VehicleProblem, vehicle_of

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ca_ros.nodes.settings import load
+from ca_ros.parameter_files import load
 from ca_ros.settings import flat
 
 SAMPLES = 1000  # the number of samples in the paper

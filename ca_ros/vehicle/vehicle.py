@@ -114,7 +114,7 @@ class Vehicle:
     def load(cls, vehicle: str | Path, node: str | None = None) -> Vehicle:
         """Read a vehicle from a parameter file.
 
-        Only the vehicle's own parameters are checked; `ca_ros.nodes.settings.load` checks the
+        Only the vehicle's own parameters are checked; `ca_ros.parameter_files.load` checks the
         whole file.  Settings of methods, such as ``allocation.exact.policy``, are for nodes,
         studies and firmware: `make_allocator` takes them by keyword.  Raises a ParameterError that
         names the file, the key and the fault.

@@ -10,7 +10,7 @@ import sys
 from pages import DOCS, filled
 
 from ca_ros import ALLOCATORS, settings
-from ca_ros.nodes.settings import DECLARED, MonitorSettings, Px4NodeSettings
+from ca_ros.parameter_files import DECLARED, MonitorSettings, Px4NodeSettings
 
 TABLES = {
     **DECLARED, 'px4': Px4NodeSettings, 'monitor': MonitorSettings,

@@ -12,7 +12,7 @@ import yaml
 
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.errors import CaRosError
-from ca_ros.nodes.settings import FileSettings, with_own_methods
+from ca_ros.parameter_files import FileSettings, with_own_methods
 from ca_ros.process.processes import end, start
 from ca_ros.settings import table
 from ca_ros.simulation.record import Flight

@@ -9,7 +9,7 @@ import numpy as np
 
 from ca_ros.arguments import command
 from ca_ros.control.controller_settings import ControlSettings
-from ca_ros.nodes.settings import AllocatorSettings, load_for
+from ca_ros.parameter_files import AllocatorSettings, load_for
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.controllability import lift, unit
 from ca_ros.settings import ParameterError
