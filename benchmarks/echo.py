@@ -11,8 +11,8 @@ from ca_ros.nodes.diagnostics import Diagnostics
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import fill_speeds, nanoseconds, speeds_message, wrench_numbers
 from ca_ros.nodes.parameters import Parameters
-from ca_ros.parameter_files import AllocatorSettings
 from ca_ros.nodes.stream import Streams
+from ca_ros.parameter_files import AllocatorSettings
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 

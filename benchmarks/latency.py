@@ -26,8 +26,8 @@ from benchmarks import wrenches
 from benchmarks.sizes import Sizes
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.messages import wrench_message
-from ca_ros.parameter_files import load
 from ca_ros.nodes.topics import SPEED_COMMAND, WRENCH, offered, requested
+from ca_ros.parameter_files import load
 from ca_ros.process.processes import Deadline, Processes
 from ca_ros.vehicle.files import find
 from ca_ros.vehicle.settings import AXES

@@ -1,74 +1,57 @@
-"""The settings of the nodes, and all that a file may have."""
+"""The settings of the nodes, and all that the parameter file of a vehicle may have.
+
+Each class lists what its node has; what several nodes have is declared once.
+"""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal, TypeVar
 
-from ca_ros.allocation.settings import (
-    AllocatedVehicleSettings,
-    MethodSettings,
-    VehicleAllocation,
-    VehicleMethodSettings,
-    own_methods,
-    with_methods,
-)
-from ca_ros.control.controller_settings import ControlSettings
+from ca_ros.allocation.settings import AllocationSettings, MethodSettings, own_methods
+from ca_ros.control.controller_settings import ControllerSettings, check_attitude
 from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.problem.prioritization import PrioritizedAxesSettings
 from ca_ros.settings import (
     Numbers,
     ParameterError,
     Settings,
     check_given,
-    group,
     read,
     setting,
     table,
-    with_groups,
 )
 from ca_ros.simulation.plant_settings import PlantSettings
 from ca_ros.vehicle import files
-from ca_ros.vehicle.settings import (
-    MovingBodySettings,
-    MovingVehicleSettings,
-    RotorSettings,
-    VehicleSettings,
-)
+from ca_ros.vehicle.settings import AxesSettings, BodySettings, MovingBodySettings, RotorSettings
 
+WORLD_FRAME = partial(
+    setting, 'map',
+    'frame_id of poses and waypoints; messages with another frame_id are dropped, those with an '
+    'empty frame_id are used', mutable=True, rebuild=False)
 
-@dataclass(frozen=True, kw_only=True)
-class NodeSettings(Settings):
-    """What all nodes of the loop have."""
+TIMEOUT_ACTION = partial(
+    setting, 'idle',
+    'rotor speeds until commands return. idle: the speeds within the bounds that are nearest to '
+    'zero; stop: zero; hold: the last speeds', choices=['idle', 'stop', 'hold'], mutable=True,
+    rebuild=False)
 
-    mode: Literal['realtime', 'lockstep'] = setting(
-        'realtime',
-        'realtime: the simulator follows the clock; lockstep: it steps once per command')
-    command_timeout: float = setting(
-        0.1, 'time without a valid command after which the timeout action begins', unit='s',
-        positive=True, mutable=True, rebuild=False)
-    command_frame: str = setting(
-        'base_link',
-        'frame_id of wrenches and body velocities; messages with another frame_id are dropped, '
-        'those with an empty frame_id are used', mutable=True, rebuild=False)
+COMMAND_AGE_MAX = partial(
+    setting, 0.0,
+    'greatest difference between the stamp of a wrench and ROS time; wrenches beyond it are '
+    'dropped; 0: no limit', unit='s', minimum=0.0, mutable=True, rebuild=False)
 
+COMMAND_ORDER = partial(
+    setting, 'any', 'wrenches whose stamps are out of order. any: serve them; newer: drop them',
+    mutable=True, rebuild=False)
 
-@dataclass(frozen=True, kw_only=True)
-class TimeoutSettings(Settings):
-    """What a node does without commands."""
+AWAIT_HEALTH = partial(
+    setting, False, 'in mode lockstep, answer a state only with the rotor_health of its stamp')
 
-    timeout_action: Literal['idle', 'stop', 'hold'] = setting(
-        'idle',
-        'rotor speeds until commands return. idle: the speeds within the bounds that are nearest '
-        'to zero; stop: zero; hold: the last speeds', mutable=True, rebuild=False)
-
-
-@dataclass(frozen=True, kw_only=True)
-class WorldSettings(Settings):
-    """What nodes with poses have."""
-
-    world_frame: str = setting(
-        'map',
-        'frame_id of poses and waypoints; messages with another frame_id are dropped, those with '
-        'an empty frame_id are used', mutable=True, rebuild=False)
+BATTERY_TIMEOUT = partial(
+    setting, 5.0, 'time without a sound voltage on battery after which a warning begins; the last '
+    'one holds; 0: no warning. Only with rotors.speed_max_per_volt', unit='s', minimum=0.0,
+    mutable=True, rebuild=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,75 +70,6 @@ class SimulationSettings(PlantSettings):
         0.0,
         'simulated time at which the simulator waits in mode lockstep, until this parameter is '
         'set to a later time; 0: never', unit='s', minimum=0.0, mutable=True, rebuild=False)
-
-
-@dataclass(frozen=True, kw_only=True)
-class HealthSettings(Settings):
-    """What nodes that heed the monitor have."""
-
-    await_health: bool = setting(
-        False, 'in mode lockstep, answer a state only with the rotor_health of its stamp')
-    battery_timeout: float = setting(
-        5.0, 'time without a sound voltage on battery after which a warning begins; the last one '
-        'holds; 0: no warning. Only with rotors.speed_max_per_volt', unit='s', minimum=0.0,
-        mutable=True, rebuild=False)
-
-
-@dataclass(frozen=True, kw_only=True)
-class CommandSettings(TimeoutSettings, NodeSettings):
-    """Which wrenches an allocator serves."""
-
-    command_age_max: float = setting(
-        0.0,
-        'greatest difference between the stamp of a wrench and ROS time; wrenches beyond it are '
-        'dropped; 0: no limit', unit='s', minimum=0.0, mutable=True, rebuild=False)
-    command_order: Literal['any', 'newer'] = setting(
-        'any', 'wrenches whose stamps are out of order. any: serve them; newer: drop them',
-        mutable=True, rebuild=False)
-
-
-@dataclass(frozen=True, kw_only=True)
-class AllocatorSettings(CommandSettings, HealthSettings, AllocatedVehicleSettings):
-    """The settings of the allocator node."""
-
-    publish_throttle: bool = setting(
-        False, 'publish the throttles on command/throttle, see rotors.thrust_curve')
-    publish_pwm: bool = setting(
-        False, 'publish the pulse widths on command/pwm, see rotors.thrust_curve')
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProblemSettings(CommandSettings):
-    """The settings of the allocator node of a problem without a vehicle."""
-
-    problem: str = setting(description='file of the problem, or the name of a shipped one')
-    allocation: MethodSettings = group(with_methods(MethodSettings))
-
-
-@dataclass(frozen=True, kw_only=True)
-class ControllerNodeSettings(WorldSettings, HealthSettings, NodeSettings, ControlSettings):
-    """The settings of the controller node."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SimulatorSettings(WorldSettings, TimeoutSettings, NodeSettings):
-    """The settings of the simulator node."""
-
-    vehicle: MovingBodySettings
-    rotors: RotorSettings
-    simulator: SimulationSettings
-
-
-@dataclass(frozen=True, kw_only=True)
-class MonitorSettings(WorldSettings, NodeSettings, MovingVehicleSettings):
-    """The settings of the monitor node."""
-
-    detector: DetectorSettings
-
-
-@dataclass(frozen=True, kw_only=True)
-class ViewerSettings(WorldSettings, NodeSettings, VehicleSettings):
-    """The settings of the viewer node."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,21 +94,124 @@ class Px4Settings(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Px4NodeSettings(WorldSettings, NodeSettings, VehicleSettings):
-    """The settings of the bridge to PX4."""
+class NodeSettings(Settings):
+    """What all nodes of the loop have."""
 
-    px4: Px4Settings = Px4Settings()
+    mode: Literal['realtime', 'lockstep'] = setting(
+        'realtime',
+        'realtime: the simulator follows the clock; lockstep: it steps once per command')
+    command_timeout: float = setting(
+        0.1, 'time without a valid command after which the timeout action begins', unit='s',
+        positive=True, mutable=True, rebuild=False)
+    command_frame: str = setting(
+        'base_link',
+        'frame_id of wrenches and body velocities; messages with another frame_id are dropped, '
+        'those with an empty frame_id are used', mutable=True, rebuild=False)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FileSettings(WorldSettings, AllocatorSettings, ControlSettings):
+class AllocatorSettings(NodeSettings):
+    """The settings of the allocator node."""
+
+    vehicle: BodySettings
+    rotors: RotorSettings
+    allocation: AllocationSettings
+    await_health: bool = AWAIT_HEALTH()
+    battery_timeout: float = BATTERY_TIMEOUT()
+    timeout_action: str = TIMEOUT_ACTION()
+    command_age_max: float = COMMAND_AGE_MAX()
+    command_order: Literal['any', 'newer'] = COMMAND_ORDER()
+    publish_throttle: bool = setting(
+        False, 'publish the throttles on command/throttle, see rotors.thrust_curve')
+    publish_pwm: bool = setting(
+        False, 'publish the pulse widths on command/pwm, see rotors.thrust_curve')
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProblemSettings(NodeSettings):
+    """The settings of the allocator node of a problem without a vehicle."""
+
+    problem: str = setting(description='file of the problem, or the name of a shipped one')
+    allocation: MethodSettings
+    timeout_action: str = TIMEOUT_ACTION()
+    command_age_max: float = COMMAND_AGE_MAX()
+    command_order: Literal['any', 'newer'] = COMMAND_ORDER()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerNodeSettings(NodeSettings):
+    """The settings of the controller node."""
+
+    vehicle: MovingBodySettings
+    rotors: RotorSettings
+    allocation: PrioritizedAxesSettings
+    controller: ControllerSettings
+    await_health: bool = AWAIT_HEALTH()
+    battery_timeout: float = BATTERY_TIMEOUT()
+    world_frame: str = WORLD_FRAME()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_attitude(self.controller, self.allocation.axes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatorSettings(NodeSettings):
+    """The settings of the simulator node."""
+
+    vehicle: MovingBodySettings
+    rotors: RotorSettings
+    simulator: SimulationSettings
+    timeout_action: str = TIMEOUT_ACTION()
+    world_frame: str = WORLD_FRAME()
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitorSettings(NodeSettings):
+    """The settings of the monitor node."""
+
+    vehicle: MovingBodySettings
+    rotors: RotorSettings
+    allocation: AxesSettings
+    detector: DetectorSettings
+    world_frame: str = WORLD_FRAME()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewerSettings(NodeSettings):
+    """The settings of the viewer node."""
+
+    vehicle: BodySettings
+    rotors: RotorSettings
+    allocation: AxesSettings
+    world_frame: str = WORLD_FRAME()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Px4NodeSettings(NodeSettings):
+    """The settings of the bridge to PX4."""
+
+    vehicle: BodySettings
+    rotors: RotorSettings
+    allocation: AxesSettings
+    px4: Px4Settings = Px4Settings()
+    world_frame: str = WORLD_FRAME()
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileSettings(AllocatorSettings):
     """All settings that the file of a vehicle may have."""
 
     vehicle: MovingBodySettings
-    allocation: VehicleMethodSettings = group(VehicleAllocation)
+    controller: ControllerSettings
     simulator: SimulationSettings
     detector: DetectorSettings
     px4: Px4Settings = Px4Settings()
+    world_frame: str = WORLD_FRAME()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_attitude(self.controller, self.allocation.axes)
 
 
 DECLARED: dict[str, type[NodeSettings]] = {
@@ -204,17 +221,6 @@ DECLARED: dict[str, type[NodeSettings]] = {
 """The settings of each node, by the name of the node."""
 
 K = TypeVar('K', bound=Settings)
-
-
-def with_own_methods(kind: type[K], *methods: str) -> type[K]:
-    """Return a class of settings that also has those of methods ``module:Class``, if it has any.
-
-    Raises a ParameterError if there is no such class.
-    """
-    if 'allocation.method' not in table(kind) or not (own := own_methods(*methods)):
-        return kind
-    groups = {'allocation': with_methods(VehicleMethodSettings, own)}
-    return with_groups(kind, groups, (with_own_methods, (kind, *own)))
 
 
 def load(vehicle: str | Path, node: str | None = None) -> FileSettings:
@@ -230,8 +236,8 @@ def load_for(kind: type[K], vehicle: str | Path, node: str | None = None) -> K:
     """
     given = files.read(vehicle, node)
     try:
-        method = str(given.get('allocation.method'))
-        check_given(given, table(with_own_methods(FileSettings, method)))
-        return read(with_own_methods(kind, method), given)
+        own = own_methods(str(given.get('allocation.method')))
+        check_given(given, table(FileSettings, own=own))
+        return read(kind, given, own=own)
     except ParameterError as error:
         raise ParameterError(f'{files.find(vehicle)}: {error}') from None

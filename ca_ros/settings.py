@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from math import inf, isfinite, nan
@@ -145,9 +145,17 @@ def setting(
     return dataclasses.field(**given, metadata={'setting': declared})
 
 
-def group(kind: type[Settings]) -> Any:
-    """Declare a group of settings whose class is not its type."""
-    return dataclasses.field(metadata={'group': kind})
+def groups(kinds: Mapping[str, type[Settings]]) -> Any:
+    """Declare several groups of settings as one field, a mapping of settings by name.
+
+    The names of the settings begin with the name of their group, not with that of the field.  By
+    default each group has its defaults.
+    """
+
+    def made() -> dict[str, Settings]:
+        return {name: kind() for name, kind in kinds.items()}
+
+    return dataclasses.field(default_factory=made, hash=False, metadata={'groups': kinds})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,27 +173,28 @@ class Settings:
                 if value is not field.default:
                     object.__setattr__(self, name, _frozen(check(name, value, field)))
 
-    def __reduce_ex__(self, protocol: Any) -> Any:
-        # Pickle finds other classes by their names.
-        recipe = vars(type(self)).get('_recipe')
-        return (_restored, (*recipe, vars(self))) if recipe else super().__reduce_ex__(protocol)
-
 
 S = TypeVar('S', bound=Settings)
 
-_FOUND: dict[type[Settings], Mapping[str, Field | type[Settings]]] = {}
+Declared = Field | type[Settings] | Mapping[str, type[Settings]]
+"""What a class of settings has: a setting, a group, or several groups by name."""
+
+Groups = Mapping[str, type[Settings]]
 
 
-def _fields(kind: type[Settings]) -> Mapping[str, Field | type[Settings]]:
-    """Return the settings of a class by name, and the classes of its groups."""
+_FOUND: dict[type[Settings], Mapping[str, Declared]] = {}
+
+
+def _fields(kind: type[Settings]) -> Mapping[str, Declared]:
+    """Return what a class of settings declares, by name."""
     if kind in _FOUND:
         return _FOUND[kind]
     hints = get_type_hints(kind, include_extras=True)
-    found: dict[str, Field | type[Settings]] = {}
+    found: dict[str, Declared] = {}
     for each in dataclasses.fields(kind):
         hint, declared = hints[each.name], each.metadata.get('setting')
         if declared is None:
-            found[each.name] = each.metadata.get('group', hint)
+            found[each.name] = each.metadata.get('groups', hint)
             continue
         parts = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
         kinds, choices, array = [], [*declared.choices], False
@@ -205,53 +214,44 @@ def _fields(kind: type[Settings]) -> Mapping[str, Field | type[Settings]]:
     return found
 
 
-def with_groups(
-    base: type[S], groups: Mapping[str, type[Settings]], recipe: tuple[Callable[..., Any], Any]
-) -> type[S]:
-    """Return a subclass with further groups, or others of the same name, by their classes.
-
-    The recipe, for pickle, is a function that returns the subclass, and its arguments.
-    """
-    fields = [(name, Settings, group(kind)) for name, kind in groups.items()]
-    namespace = {'_recipe': recipe}
-    return dataclasses.make_dataclass(
-        base.__name__, fields, bases=(base,), namespace=namespace, frozen=True, kw_only=True
-    )
-
-
-def _restored(function: Callable[..., type[S]], arguments: Any, values: dict[str, Any]) -> S:
-    """Return unpickled settings of a class of `with_groups`."""
-    settings = object.__new__(function(*arguments))
-    vars(settings).update(values)
-    return settings
-
-
-def table(kind: type[Settings], prefix: str = '') -> Mapping[str, Field]:
+def table(
+    kind: type[Settings], prefix: str = '', own: Groups | None = None
+) -> Mapping[str, Field]:
     """Return the settings of a class and its groups by full name, without those of Python alone.
 
-    The names begin with the prefix.
+    The names begin with the prefix.  `own` has more groups, beside those of the class.
     """
     found: dict[str, Field] = {}
     for name, field in _fields(kind).items():
         if isinstance(field, type):
-            found.update(table(field, f'{prefix}{name}.'))
+            found |= table(field, f'{prefix}{name}.', own)
+        elif isinstance(field, Mapping):
+            for group, each in {**field, **(own or {})}.items():
+                found |= table(each, f'{prefix}{group}.')
         elif not field.python_only:
             found[prefix + name] = field
     return found
 
 
-def read(kind: type[S], given: Mapping[str, Any], prefix: str = '') -> S:
+def read(
+    kind: type[S], given: Mapping[str, Any], prefix: str = '', own: Groups | None = None
+) -> S:
     """Return the settings that are given by full name; others have their defaults.
 
-    Names that the class does not have are ignored: see `check_given`.  Raises a ParameterError if
-    a value is wrong; the message has the full name, or a MissingParameterError if a setting
-    without a default is missing.
+    `prefix` and `own`: see `table`.  Names that the class does not have are ignored: see
+    `check_given`.  Raises a ParameterError if a value is wrong; the message has the full name, or
+    a MissingParameterError if a setting without a default is missing.
     """
     values: dict[str, Any] = {}
     for name, field in _fields(kind).items():
         full = prefix + name
         if isinstance(field, type):
-            values[name] = read(field, given, f'{full}.')
+            values[name] = read(field, given, f'{full}.', own)
+        elif isinstance(field, Mapping):
+            values[name] = {
+                group: read(each, given, f'{prefix}{group}.')
+                for group, each in {**field, **(own or {})}.items()
+            }
         elif not field.python_only:
             value = given.get(full, field.default)
             if value is REQUIRED or value is None:
@@ -269,10 +269,53 @@ def flat(settings: Settings, prefix: str = '') -> dict[str, Any]:
     for name, field in _fields(type(settings)).items():
         value = getattr(settings, name)
         if isinstance(value, Settings):
-            values.update(flat(value, f'{prefix}{name}.'))
+            values |= flat(value, f'{prefix}{name}.')
+        elif isinstance(value, dict):
+            for group, each in value.items():
+                values |= flat(each, f'{prefix}{group}.')
         elif not (isinstance(field, Field) and field.python_only):
             values[prefix + name] = _listed(value)
     return values
+
+
+def changed(settings: S, given: Mapping[str, Any], prefix: str = '') -> S:
+    """Return settings with other values, given by full name; raises as `read` does.
+
+    Groups without other values stay the same objects.
+    """
+    values: dict[str, Any] = {}
+    for name, field in _fields(type(settings)).items():
+        value = getattr(settings, name)
+        if isinstance(field, type):
+            new: Any = changed(value, given, f'{prefix}{name}.')
+        elif isinstance(field, Mapping):
+            new = {group: changed(value[group], given, f'{prefix}{group}.') for group in value}
+            new = value if all(new[group] is value[group] for group in value) else new
+        else:
+            new = value if field.python_only else given.get(prefix + name, value)
+        if new is not value:
+            values[name] = new
+    try:
+        return dataclasses.replace(settings, **values) if values else settings
+    except ParameterError as error:
+        raise type(error)(f'{prefix}{error}') from None
+
+
+def differing(old: Settings, new: Settings, prefix: str = '') -> dict[str, Field]:
+    """Return the settings, by full name, whose values differ between two objects of a class."""
+    found: dict[str, Field] = {}
+    for name, field in _fields(type(new)).items():
+        before, after = getattr(old, name), getattr(new, name)
+        if before is after or before == after:
+            continue
+        if isinstance(field, Field):
+            found[prefix + name] = field
+        elif isinstance(field, type):
+            found |= differing(before, after, f'{prefix}{name}.')
+        else:
+            for group in after:
+                found |= differing(before[group], after[group], f'{prefix}{group}.')
+    return found
 
 
 def renamed(given: Mapping[str, Any]) -> dict[str, Any]:

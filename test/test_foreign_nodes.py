@@ -15,8 +15,8 @@ from ca_ros.bringup.scenario import Timeline
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.errors import CaRosError
-from ca_ros.parameter_files import DECLARED
 from ca_ros.nodes.topics import STANDING
+from ca_ros.parameter_files import DECLARED
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.testing import Diagnostics
 from ca_ros.vehicle.vehicle import Vehicle

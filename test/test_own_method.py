@@ -119,7 +119,9 @@ def test_a_method_that_is_slow_to_build_is_not_built_in_flight(example, graph, m
         '        super().__init__(*given, **options)\n        time.sleep(0.15)\n')
     monkeypatch.syspath_prepend(str(Path.cwd()))
     monkeypatch.delitem(sys.modules, 'slow', raising=False)
-    node = host(graph, 'allocator', '-p', 'allocation.method:=slow:Slow')
+    node = host(
+        graph, 'allocator', '-p', 'allocation.method:=slow:Slow',
+        '-p', 'allocation.Slow.reserve:=0.2')
     health = Parameter('rotors.health', value=[0.8, 1.0, 1.0, 1.0, 1.0, 1.0])
     [result] = node.set_parameters([health])
     assert not result.successful
@@ -130,3 +132,8 @@ def test_a_method_that_is_slow_to_build_is_not_built_in_flight(example, graph, m
     for change in (Parameter('command_timeout', value=5.0), health):
         [result] = node.set_parameters([change])
         assert result.successful, result.reason
+    assert node.belief.made.method.settings.reserve == 0.2
+    # Its own settings are in force at once, too.
+    [result] = node.set_parameters([Parameter('allocation.Slow.reserve', value=0.3)])
+    assert result.successful, result.reason
+    assert node.belief.made.method.settings.reserve == 0.3

@@ -73,7 +73,8 @@ class Belief(RuleBasedStateMachine):
     def set(self, health, slack):
         rotors = replace(self.settings.rotors, health=health)
         exact = replace(self.settings.allocation.exact, residual_slack=slack)
-        allocation = replace(self.settings.allocation, exact=exact)
+        allocation = self.settings.allocation
+        allocation = replace(allocation, methods={**allocation.methods, 'exact': exact})
         before, same = self.health, slack == self.settings.allocation.exact.residual_slack
         self.settings = replace(self.settings, rotors=rotors, allocation=allocation)
         self.belief.change(self.settings)

@@ -7,8 +7,8 @@ import pytest
 
 from ca_ros import ParameterError, TiltLimited, Vehicle, make_allocator
 from ca_ros.control.controller import Controller
-from ca_ros.control.controller_settings import ControlSettings
 from ca_ros.control.waypoint import Waypoint
+from ca_ros.parameter_files import ControllerNodeSettings
 from ca_ros.settings import read
 from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.simulation.plant import Plant, body_of
@@ -28,7 +28,7 @@ HOVER = Waypoint.of(0.0, 0.0, 0.0, 0.0)
 
 
 def parts(vehicle, given):
-    controller = Controller.from_settings(vehicle, read(ControlSettings, given))
+    controller = Controller.from_settings(vehicle, read(ControllerNodeSettings, given))
     return controller, make_allocator('exact', vehicle), body_of(vehicle, PLANT)
 
 

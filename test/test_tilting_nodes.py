@@ -18,8 +18,8 @@ from ca_ros.nodes.allocator import ProblemAllocatorNode
 from ca_ros.nodes.allocator_node import AllocatorNode
 from ca_ros.nodes.controller import ControllerNode
 from ca_ros.nodes.messages import speeds_message, speeds_stamp, wrench_numbers
-from ca_ros.parameter_files import load
 from ca_ros.nodes.simulator import SimulatorNode
+from ca_ros.parameter_files import load
 from ca_ros.settings import flat
 from ca_ros.simulation.closed_loop import fly, waypoint_changes
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, floats
 from ca_ros.problem.audit import Audit, accept
-from ca_ros.settings import ParameterError, flat, repeated, table
+from ca_ros.settings import ParameterError, differing, repeated
 from ca_ros.vehicle.vehicle import Vehicle
 
 VOLTAGE_STEP = 0.005  # relative change of the voltage from which the bounds follow it
@@ -180,6 +180,5 @@ class Reconfiguration(Generic[Made]):
             return True
         if settings is now.settings:
             return False
-        fields, old, new = table(type(settings)), flat(now.settings), flat(settings)
-        names = [name for name in fields if fields[name].rebuild and name != HEALTH]
-        return any(old[name] != new[name] for name in names)
+        changes = differing(now.settings, settings).items()
+        return any(field.rebuild and name != HEALTH for name, field in changes)

@@ -1,9 +1,8 @@
 """The settings of allocation: the method, and a group of settings for each method."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
 
 from ca_ros.allocation import (
     ALLOCATORS,
@@ -13,55 +12,45 @@ from ca_ros.allocation import (
     method_class,
 )
 from ca_ros.allocation.exact_settings import ExactSettings
-from ca_ros.problem.prioritization import PrioritizedAxesSettings
-from ca_ros.settings import (
-    ParameterError,
-    Settings,
-    group,
-    names_class,
-    setting,
-    table,
-    with_groups,
-)
-from ca_ros.vehicle.settings import VehicleSettings
+from ca_ros.settings import ParameterError, Settings, groups, names_class, setting, table
+from ca_ros.vehicle.settings import AxesSettings, VehicleSettings
+
+METHODS = {name: kind.settings_type for name, kind in ALLOCATORS.items()}
+"""The class of the settings of each shipped method."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MethodSettings(Settings):
-    """The method; a class of `with_methods` has a group for the settings of each method."""
+    """The method, and the settings of each method."""
 
     method: str = setting(
         'exact', 'allocation method', choices=tuple(ALLOCATORS), own_class=True, mutable=True)
+    methods: Mapping[str, Settings] = groups(METHODS)
 
     def of(self, method: str) -> Settings:
         """Return the settings of a method."""
-        settings: Settings = getattr(self, group_name(method))
-        return settings
+        return self.methods[group_name(method)]
+
+    @property
+    def exact(self) -> ExactSettings:
+        """The settings of `exact`."""
+        found = self.methods['exact']
+        assert isinstance(found, ExactSettings)
+        return found
 
 
-M = TypeVar('M', bound=MethodSettings)
+def own_methods(*methods: str) -> dict[str, type[Settings]]:
+    """Return the class of the settings of those methods that are ``module:Class``, by group.
 
-_MADE: dict[tuple[type[MethodSettings], tuple[str, ...]], Any] = {}
-
-
-def with_methods(base: type[M], own: tuple[str, ...] = ()) -> type[M]:
-    """Return a class of settings with a group for each shipped method, and for one's own.
-
-    Raises a ParameterError if there is no class ``module:Class``.
+    Their modules are imported.  Raises a ParameterError if there is no such class.
     """
-    if (base, own) not in _MADE:
-        try:
-            kinds = {**ALLOCATORS, **{group_name(each): method_class(each) for each in own}}
-        except ValueError as error:
-            raise ParameterError(f'allocation.method: {error}') from None
-        groups = {name: kind.settings_type for name, kind in kinds.items()}
-        _MADE[base, own] = with_groups(base, groups, (with_methods, (base, own)))
-    return _MADE[base, own]
-
-
-def own_methods(*methods: str) -> tuple[str, ...]:
-    """Return those methods that are ``module:Class``."""
-    return tuple(dict.fromkeys(method for method in methods if names_class(method)))
+    try:
+        return {
+            group_name(each): method_class(each).settings_type
+            for each in methods if names_class(each)
+        }
+    except ValueError as error:
+        raise ParameterError(f'allocation.method: {error}') from None
 
 
 def group_name(method: str) -> str:
@@ -70,20 +59,15 @@ def group_name(method: str) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class VehicleMethodSettings(MethodSettings, PrioritizedAxesSettings):
-    """The method, and the axes of the vehicle."""
-
-    exact: ExactSettings
-
-
-VehicleAllocation = with_methods(VehicleMethodSettings)  # ``allocation.*`` of a vehicle
+class AllocationSettings(MethodSettings, AxesSettings):
+    """The method, and the axes of the vehicle: ``allocation.*`` of a vehicle."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AllocatedVehicleSettings(VehicleSettings):
     """A vehicle and its allocation."""
 
-    allocation: VehicleMethodSettings = group(VehicleAllocation)
+    allocation: AllocationSettings
 
 
 @contextmanager

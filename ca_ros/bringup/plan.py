@@ -10,9 +10,9 @@ from ca_ros.control.trajectory import Trajectory
 from ca_ros.figures import WIDTHS
 from ca_ros.nodes.executable import vehicle_arguments, vehicle_of
 from ca_ros.nodes.fault_proxy import remaps
-from ca_ros.parameter_files import DECLARED, HealthSettings, MonitorSettings, ViewerSettings
 from ca_ros.nodes.topics import MARKERS
-from ca_ros.settings import ParameterError
+from ca_ros.parameter_files import DECLARED, MonitorSettings, ViewerSettings
+from ca_ros.settings import ParameterError, table
 from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.vehicle.files import ParameterFile
 from ca_ros_cli import HINTS, NODES
@@ -78,7 +78,7 @@ class Plan:
             kind = {'monitor': MonitorSettings, 'viewer': ViewerSettings, **DECLARED}[name]
             vehicle = [] if file is None else vehicle_arguments(file, full, kind)
             lines[name] = [*node, *own, '--', *vehicle, *self.ros, '--ros-args', *chosen]
-            if self.detect and issubclass(kind, HealthSettings):
+            if self.detect and 'await_health' in table(kind):
                 lines[name] += ['-p', 'await_health:=true']
         if self.faults is not None:
             own = ['--ros-args', *space, *_parameters(self.faults)]

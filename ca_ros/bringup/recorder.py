@@ -17,8 +17,8 @@ from ca_ros.errors import CaRosError
 from ca_ros.nodes import topics
 from ca_ros.nodes.link_faults import LINK_NAMES
 from ca_ros.nodes.messages import speeds_stamp
-from ca_ros.parameter_files import DECLARED
 from ca_ros.nodes.topics import STANDING, Topic, offered
+from ca_ros.parameter_files import DECLARED
 from ca_ros.process.parameters import Call, ParameterClient
 from ca_ros.process.processes import Deadline
 from ca_ros.process.samples import SAMPLED, Samples

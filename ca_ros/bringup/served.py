@@ -10,8 +10,8 @@ from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
 from ca_ros.bringup.flight import Flown
 from ca_ros.control.controller import Controller
-from ca_ros.control.controller_settings import ControlSettings
 from ca_ros.control.trajectory import Trajectory
+from ca_ros.parameter_files import ControllerNodeSettings
 from ca_ros.problem.audit import Audit
 from ca_ros.problem.limits import shares
 from ca_ros.settings import ParameterError, read, table
@@ -41,10 +41,10 @@ def served(flown: Flown, trajectory: Trajectory, failures: RotorFailures) -> Ser
     if rotors tilt, or the nodes do not declare the parameters of our controller.
     """
     flight, vehicle = flown.flight, flown.vehicle
-    given = {name: flown.parameters[name] for name in table(ControlSettings)
+    given = {name: flown.parameters[name] for name in table(ControllerNodeSettings)
              if name in flown.parameters}
     try:
-        settings = read(ControlSettings, given)
+        settings = read(ControllerNodeSettings, given)
     except ParameterError:
         return None
     if len(vehicle.servos):
@@ -81,7 +81,7 @@ def served(flown: Flown, trajectory: Trajectory, failures: RotorFailures) -> Ser
 
 
 def _controller(
-    settings: ControlSettings, report: Audit, before: Controller | None
+    settings: ControllerNodeSettings, report: Audit, before: Controller | None
 ) -> Controller:
     return Controller.from_settings(report.vehicle, settings, before)
 
@@ -97,7 +97,8 @@ def _believed(flown: Flown, failures: RotorFailures, time: int) -> Array:
 
 
 def _limit(
-    flown: Flown, settings: ControlSettings, i: int, by: Controller, demand: Array, axis: str
+    flown: Flown, settings: ControllerNodeSettings, i: int, by: Controller, demand: Array,
+    axis: str,
 ) -> str:
     """Return what limits an axis of a demand at a sample, in words."""
     exact = settings.allocation.exact

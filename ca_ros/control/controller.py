@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from math import atan2, hypot, tan
+from typing import Any
 
 import numpy as np
 
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.result import Status
 from ca_ros.arrays import Array
-from ca_ros.control.controller_settings import SIDEWAYS, ControllerSettings, ControlSettings
+from ca_ros.control.controller_settings import SIDEWAYS, ControllerSettings
 from ca_ros.control.momentum_observer import RESTART, MomentumObserver
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.prioritization import PrioritiesSettings
@@ -83,12 +84,13 @@ class Controller:
 
     @classmethod
     def from_settings(
-        cls, vehicle: Vehicle, settings: ControlSettings, before: Controller | None = None
+        cls, vehicle: Vehicle, settings: Any, before: Controller | None = None
     ) -> Controller:
         """Make the controller of a vehicle from the settings of a file or node.
 
-        In flight it continues the integral action of the one `before`.  Raises a ParameterError
-        if settings contradict each other; they are named.
+        They have the groups `controller` and `allocation`.  In flight the controller continues the
+        integral action of the one `before`.  Raises a ParameterError if settings contradict each
+        other; they are named.
         """
         try:
             made = cls(vehicle, settings.controller, settings.allocation.exact)

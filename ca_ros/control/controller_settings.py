@@ -1,11 +1,11 @@
 """The settings of the controller."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ca_ros.problem.prioritization import PrioritizedAxesSettings
 from ca_ros.settings import Numbers, ParameterError, Settings, setting
-from ca_ros.vehicle.settings import XYZ, MovingVehicleSettings
+from ca_ros.vehicle.settings import XYZ
 
 SIDEWAYS = ('force_x', 'force_y')
 
@@ -42,20 +42,13 @@ class ControllerSettings(Settings):
         0.8, 'greatest commanded tilt', unit='rad', positive=True, maximum=1.5)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ControlSettings(MovingVehicleSettings):
-    """What the controller needs: the vehicle, its priorities and the gains."""
+def check_attitude(settings: ControllerSettings, axes: Sequence[str]) -> None:
+    """Raise a ParameterError if an attitude needs axes that a vehicle does not declare.
 
-    allocation: PrioritizedAxesSettings
-    controller: ControllerSettings
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        # A vehicle that has lost these axes has to tilt; one that never had them is misconfigured.
-        if self.controller.attitude != 'tilt' and (
-            missing := {*SIDEWAYS} - {*self.allocation.axes}
-        ):
-            raise ParameterError(
-                f'controller.attitude: {self.controller.attitude} needs '
-                f'{", ".join(sorted(missing))} in allocation.axes'
-            )
+    A vehicle that has lost these axes has to tilt; one that never had them is misconfigured.
+    """
+    if settings.attitude != 'tilt' and (missing := {*SIDEWAYS} - {*axes}):
+        raise ParameterError(
+            f'controller.attitude: {settings.attitude} needs '
+            f'{", ".join(sorted(missing))} in allocation.axes'
+        )

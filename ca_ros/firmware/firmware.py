@@ -12,7 +12,7 @@ import numpy as np
 from ca_ros.allocation.box_backend import kernel_for
 from ca_ros.allocation.reach import reached
 from ca_ros.allocation.result import Status
-from ca_ros.allocation.settings import VehicleMethodSettings, full_names
+from ca_ros.allocation.settings import AllocationSettings, full_names
 from ca_ros.allocation.slew import PERIOD_MAX, rates_of
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
@@ -42,12 +42,12 @@ class Firmware:
 
     faults: Sequence[Fault]
     kernels: Sequence[Kernel]
-    settings: VehicleMethodSettings
+    settings: AllocationSettings
     precision: str
 
     @classmethod
     def make(
-        cls, faults: Sequence[Fault], settings: VehicleMethodSettings, precision: str
+        cls, faults: Sequence[Fault], settings: AllocationSettings, precision: str
     ) -> Firmware:
         """Set the kernels up, with the settings of the method `exact`.
 
@@ -62,7 +62,7 @@ class Firmware:
 
     @classmethod
     def _made(
-        cls, faults: Sequence[Fault], settings: VehicleMethodSettings, precision: str
+        cls, faults: Sequence[Fault], settings: AllocationSettings, precision: str
     ) -> Firmware:
         n = faults[0].problem.n
         if n > ROTORS_MAX:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ca_ros.allocation.sets_backend import VectoredEngine
-from ca_ros.allocation.settings import VehicleMethodSettings
+from ca_ros.allocation.settings import AllocationSettings
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.firmware.firmware import Firmware
@@ -26,7 +26,7 @@ class TiltingFirmware(Firmware):
 
     @classmethod
     def _made(
-        cls, faults: Sequence[Fault], settings: VehicleMethodSettings, precision: str
+        cls, faults: Sequence[Fault], settings: AllocationSettings, precision: str
     ) -> TiltingFirmware:
         problem = faults[0].problem
         if not problem.vehicle.curve.square:
@@ -93,14 +93,14 @@ class TiltingFirmware(Firmware):
 
 
 def firmware_of(
-    faults: Sequence[Fault], settings: VehicleMethodSettings, precision: str
+    faults: Sequence[Fault], settings: AllocationSettings, precision: str
 ) -> Firmware:
     """Return the firmware of a vehicle, whether its rotors tilt or not; see `Firmware.make`."""
     kind = TiltingFirmware if len(faults[0].problem.vehicle.servos) else Firmware
     return kind.make(faults, settings, precision)
 
 
-def components(problem: AllocationProblem, settings: VehicleMethodSettings) -> int:
+def components(problem: AllocationProblem, settings: AllocationSettings) -> int:
     """Return the number of components that the kernel needs: the priorities add one an axis."""
     return problem.n + len(problem.axes) * (settings.exact.policy == 'prioritize')
 

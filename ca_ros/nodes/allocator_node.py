@@ -25,9 +25,9 @@ from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.messages import WrenchCommand, fill_speeds, speeds_message, wrench_message
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.rotors import Rotors
-from ca_ros.parameter_files import AllocatorSettings, CommandSettings, FileSettings
 from ca_ros.nodes.stream import TICK, Streams
 from ca_ros.nodes.watchdog import CommandWatch
+from ca_ros.parameter_files import AllocatorSettings, FileSettings, NodeSettings
 from ca_ros.settings import ParameterError, Settings, names_class
 from ca_ros.vehicle.validation import ABSURD
 
@@ -51,7 +51,7 @@ class AllocatorNode(Node):
     ParameterError if a parameter is missing or wrong.
     """
 
-    declared: ClassVar[type[CommandSettings]] = AllocatorSettings
+    declared: ClassVar[type[NodeSettings]] = AllocatorSettings
     known: ClassVar[type[Settings]] = FileSettings
     topic: ClassVar[topics.Topic] = topics.SPEED_COMMAND
     belief_type: ClassVar[Any] = Belief

@@ -23,10 +23,10 @@ from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, wrench_message, wrong_frame
 from ca_ros.nodes.parameters import Parameters
-from ca_ros.parameter_files import ControllerNodeSettings
 from ca_ros.nodes.stream import Streams
 from ca_ros.nodes.topics import COMMAND, STANDING
 from ca_ros.nodes.watchdog import CommandWatch
+from ca_ros.parameter_files import ControllerNodeSettings
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.state import tilt

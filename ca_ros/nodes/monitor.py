@@ -18,10 +18,10 @@ from ca_ros.nodes.belief import Belief
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.parameters import Parameters
-from ca_ros.parameter_files import MonitorSettings
 from ca_ros.nodes.stream import NO_EVENTS, Streams
 from ca_ros.nodes.topics import COMMAND, STANDING, offered
 from ca_ros.nodes.watchdog import CommandWatch
+from ca_ros.parameter_files import MonitorSettings
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.command_bounds import CommandBounds
 

@@ -19,13 +19,15 @@ from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from ca_ros.allocation.settings import own_methods
 from ca_ros.nodes.rclpy_internals import given_parameters
-from ca_ros.parameter_files import FileSettings, with_own_methods
+from ca_ros.parameter_files import FileSettings
 from ca_ros.settings import (
     Field,
     MissingParameterError,
     ParameterError,
     Settings,
+    changed,
     check_given,
     flat,
     read,
@@ -86,16 +88,15 @@ class Parameters:
     ) -> None:
         self._node = node
         given = renamed({name: each.value for name, each in given_parameters(node).items()})
-        method = str(given.get('allocation.method'))
-        self._declared = with_own_methods(declared, method)
+        own = own_methods(str(given.get('allocation.method')))
         # Before rclpy compares the values with the ranges, because its message says less.
-        check_given(given, names := table(with_own_methods(known, method)))
+        check_given(given, names := table(known, own=own))
         try:
-            self.settings: Any = read(self._declared, given)
+            self.settings: Any = read(declared, given, own=own)
         except MissingParameterError as error:
             name = node.get_fully_qualified_name()
             raise MissingParameterError(f'{error}; looked for by the node {name}') from None
-        values, self._fields = flat(self.settings), table(self._declared)
+        values, self._fields = flat(self.settings), table(declared, own=own)
         for name, field in self._fields.items():
             node.declare_parameter(name, values[name], descriptor(field), ignore_override=True)
         # Files from `ros2 param dump` also have rclpy's own parameters.
@@ -175,7 +176,7 @@ class Parameters:
         if not given:
             return SetParametersResult(successful=True)
         try:
-            settings = read(self._declared, {**flat(self.settings), **given})
+            settings = changed(self.settings, given)
             self._prepared = settings, self._prepare(settings)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error)[:REASON_MAX])

@@ -16,10 +16,10 @@ from ca_ros.nodes import messages, topics
 from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.parameters import Parameters
-from ca_ros.parameter_files import SimulatorSettings
 from ca_ros.nodes.stream import STEADY, Streams
 from ca_ros.nodes.topics import LOCKSTEP_DEPTH
 from ca_ros.nodes.watchdog import CommandWatch, fallback
+from ca_ros.parameter_files import SimulatorSettings
 from ca_ros.simulation.plant import Plant, body_of
 from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
 from ca_ros.vehicle.command_bounds import CommandBounds

@@ -15,8 +15,8 @@ from ca_ros.nodes.executable import run
 from ca_ros.nodes.markers import View, markers, status_text
 from ca_ros.nodes.messages import pose_arrays, wrench_numbers
 from ca_ros.nodes.parameters import Parameters
-from ca_ros.parameter_files import ViewerSettings
 from ca_ros.nodes.stream import STEADY, Streams
+from ca_ros.parameter_files import ViewerSettings
 from ca_ros.vehicle.vehicle import Vehicle
 
 PERIOD = 0.05  # between two pictures [s]

@@ -19,8 +19,8 @@ from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import answers_nothing, stamp, state_messages, wrench_message
 from ca_ros.nodes.parameters import Parameters
-from ca_ros.parameter_files import Px4NodeSettings
 from ca_ros.nodes.stream import Streams
+from ca_ros.parameter_files import Px4NodeSettings
 from ca_ros.px4.frames import State
 from ca_ros.px4.motor_order import order_of
 from ca_ros.px4.rules import Rules, topic

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 
 from ca_ros.allocation import ALLOCATORS, AllocationProblem, Allocator
 from ca_ros.allocation.reconfiguration import Reconfiguration
-from ca_ros.allocation.settings import MethodSettings, allocator_of, own_methods, with_methods
+from ca_ros.allocation.settings import MethodSettings, allocator_of, own_methods
 from ca_ros.control.controller import Controller
 from ca_ros.detection.kernel_detector import Detector, make_detector
-from ca_ros.parameter_files import FileSettings, with_own_methods
+from ca_ros.parameter_files import FileSettings
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.vehicle_problem import VehicleProblem, vehicle_of
@@ -83,14 +83,12 @@ class Case:
         found = None if flying else read_problem(name, AllocationProblem)
         problem, given = (None, files.read(name)) if found is None else found
         own = own_methods(*methods, str(given.get('allocation.method')))
-        kind: Any = with_own_methods(FileSettings, *own)
-        if problem is not None:
-            kind = with_methods(MethodSettings, own)
+        kind: Any = FileSettings if problem is None else MethodSettings
         prefix = '' if problem is None else 'allocation.'
         try:
-            given = _changed(given, changes, known := table(kind, prefix))
+            given = _changed(given, changes, known := table(kind, prefix, own))
             check_given(given, known)
-            settings = read(kind, given, prefix)
+            settings = read(kind, given, prefix, own)
             if problem is not None:
                 return cls(name, None, settings, problem, tuple(changes))
             parts = settings.vehicle, settings.rotors, settings.allocation

@@ -23,8 +23,8 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros import ParameterError, Vehicle
 from ca_ros.nodes import messages, topics
-from ca_ros.parameter_files import SimulatorSettings
 from ca_ros.nodes.topics import offered, requested
+from ca_ros.parameter_files import SimulatorSettings
 from ca_ros.settings import REQUIRED, flat, read, table
 from ca_ros.simulation.plant import Plant, body_of
 from ca_ros.simulation.rigid_body import velocity_in_body

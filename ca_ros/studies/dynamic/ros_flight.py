@@ -11,8 +11,9 @@ import pandas as pd
 import yaml
 
 from ca_ros.allocation import ALLOCATORS
+from ca_ros.allocation.settings import own_methods
 from ca_ros.errors import CaRosError
-from ca_ros.parameter_files import FileSettings, with_own_methods
+from ca_ros.parameter_files import FileSettings
 from ca_ros.process.processes import end, start
 from ca_ros.settings import table
 from ca_ros.simulation.record import Flight
@@ -39,7 +40,7 @@ def fly_over_ros(case: Case, method: str, duration: float, words: Sequence[str])
     """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
-        names = table(with_own_methods(FileSettings, method))
+        names = table(FileSettings, own=own_methods(method))
         own = {name: value for name, value in case.parameters.items() if name in names}
         own['allocation.method'] = method
         parameters = {'/**': {'ros__parameters': own}}

@@ -8,8 +8,7 @@ from itertools import zip_longest
 import numpy as np
 
 from ca_ros.arguments import command
-from ca_ros.control.controller_settings import ControlSettings
-from ca_ros.parameter_files import AllocatorSettings, load_for
+from ca_ros.parameter_files import AllocatorSettings, ControllerNodeSettings, load_for
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.controllability import lift, unit
 from ca_ros.settings import ParameterError
@@ -49,7 +48,7 @@ def remains(report: Audit, file: str) -> list[str]:
     force = report.side_force
     if not force.any():
         return []
-    settings = load_for(ControlSettings, file).controller
+    settings = load_for(ControllerNodeSettings, file).controller
     stiffness = float(np.min(np.broadcast_to(settings.position_stiffness, 3)[:2]))
     size = float(np.linalg.norm(force))
     away = size / (report.vehicle.mass * stiffness)
