@@ -20,7 +20,7 @@ solvers = ['daqp', 'quadprog']
 peers = [*solvers, 'clarabel', 'highspy', 'piqp', 'proxsuite']
 bag = ['rosbags>=0.11']
 # What `ca_ros.testing` needs, besides ROS.
-testing = ['psutil>=5.9', 'pytest>=7.4']
+testing = ['psutil>=5.9', 'pytest>=7.4', 'ros-domain-coordinator>=0.12']
 mujoco = ['mujoco>=3.2']
 # What `ca_ros.studies` and the plot of bringup need, and no node.
 studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66']

@@ -54,9 +54,8 @@ def _own_ros(tmp_path_factory):
     from ca_ros.testing import domain
 
     os.environ['ROS_LOG_DIR'] = str(tmp_path_factory.mktemp('log'))
-    number, lock = domain.claim()
-    os.environ['ROS_DOMAIN_ID'] = str(number)
-    with lock:
+    with domain.claim() as number:
+        os.environ['ROS_DOMAIN_ID'] = str(number)
         yield
 
 

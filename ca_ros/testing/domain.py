@@ -1,38 +1,23 @@
 """A ROS domain that nothing else on the machine uses."""
 
-import fcntl
 import random
-import tempfile
-from contextlib import suppress
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import IO
 
-DOMAINS = range(1, 102)  # those with ports on every machine, without ROS's default
+from domain_coordinator import domain_id
+
+DOMAINS = range(1, 101)  # those of `domain_coordinator`, without ROS's default
 FIRST_PORT, PORTS = 7400, 250  # of domain d: FIRST_PORT + PORTS d (DDSI-RTPS 2.5, 9.6.1.1)
 
 
-def claim() -> tuple[int, IO[str]]:
-    """Claim a domain; return its number, and the lock file: closing it releases the domain.
+def claim() -> AbstractContextManager[int]:
+    """Return a context manager with the number of a domain, which is claimed until its end.
 
-    Raises a RuntimeError if all domains are in use.
+    Tests of other packages that use `domain_coordinator` see the claim.  Raises a RuntimeError if
+    no domain is free.
     """
-    free = [*{*DOMAINS} - used()]
-    for domain in random.sample(free, len(free)):
-        path = Path(tempfile.gettempdir(), f'ca_ros_domain_{domain}')
-        try:
-            # The file of another user cannot be written, but read and locked.
-            with suppress(PermissionError):
-                path.touch()
-            lock = path.open()
-        except PermissionError:
-            continue
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            lock.close()
-        else:
-            return domain, lock
-    raise RuntimeError(f'no free ROS domain: all {len(DOMAINS)} are in use')
+    # A domain is not taken again soon: what a test has killed is seen in it for seconds.
+    return domain_id(lambda: random.choice([*{*DOMAINS} - used()] or [*DOMAINS]))
 
 
 def used() -> set[int]:

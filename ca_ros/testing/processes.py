@@ -63,9 +63,7 @@ class GraphProcesses:
     def __enter__(self) -> Any:
         self._ending = ExitStack()
         if 'ROS_DOMAIN_ID' not in self._settings:
-            domain, lock = claim()
-            self._settings['ROS_DOMAIN_ID'] = str(domain)
-            self._ending.enter_context(lock)
+            self._settings['ROS_DOMAIN_ID'] = str(self._ending.enter_context(claim()))
         self.failed = False
         self.domain = int(self._settings['ROS_DOMAIN_ID'])
         self._folder = Path(self._ending.enter_context(tempfile.TemporaryDirectory()))
