@@ -81,7 +81,7 @@ def test_hover_is_at_rest_and_the_controller_stays_there():
     plant = started()
     plant.drift(np.full(N, HOVER), round(1.0 / STEP))
     np.testing.assert_allclose(plant.state[0], STILL, atol=1e-9)
-    there = {'reach': 0.0, 'low': 5.0, 'high': 5.0, 'turn': 0.0}
+    there = {'stiffness': 1.0, 'reach': 0.0, 'low': 5.0, 'high': 5.0, 'turn': 0.0}
     rows = started(mission=there).fly(10.0)
     np.testing.assert_allclose(rows['position'][-1], STILL[:3], atol=1e-3)
     np.testing.assert_allclose(rows['command'][-1, :N], HOVER, rtol=1e-3)
@@ -181,6 +181,10 @@ def test_the_same_seed_gives_the_same_flight_and_every_landing_ends_on_four_feet
         assert rows['mode'][end - 1] == GROUNDED
         assert rows['feet'][end - 1] == 4
         np.testing.assert_allclose(rows['speeds'][end - 1, :N], MODEL.slowest, rtol=0.1)
+    begin, end = found[1]
+    count = Count()
+    count.add(rows, list(namings(Fake({begin, end - 1, end}, 2), rows, N)))
+    assert (count.alarms, count.landings, count.landing_alarms) == (2, 3, 1)
 
 
 class Fake:

@@ -15,10 +15,14 @@ NOISE = {'position_noise': 0.01, 'velocity_noise': 0.03, 'attitude_noise': 0.005
          'rate_noise': 0.02, 'force_noise': 0.3}  # fmt: skip
 """Standard deviations of sensors, as on the pages; of the accelerometer 0.3 m/s^2."""
 
-CALM = {'speed': 3.0, 'acceleration': 2.5, 'tilt': 0.5, 'reach': 8.0, 'low': 3.0, 'high': 10.0,
-        'shortest': 2.0, 'longest': 6.0, 'turn': 1.0}  # fmt: skip
-SHARP = {'speed': 9.0, 'acceleration': 7.0, 'tilt': 0.75, 'reach': 25.0, 'low': 3.0, 'high': 15.0,
-         'shortest': 2.0, 'longest': 5.0, 'turn': 2.0}  # fmt: skip
+CALM = {
+    'speed': 3.0, 'acceleration': 2.5, 'tilt': 0.7, 'stiffness': 1.0, 'turn': 1.0,
+    'reach': 8.0, 'low': 3.0, 'high': 10.0, 'shortest': 2.0, 'longest': 6.0,
+}  # fmt: skip
+SHARP = {
+    'speed': 9.0, 'acceleration': 7.0, 'tilt': 0.75, 'ahead': 0.8, 'stiffness': 1.4, 'turn': 2.0,
+    'reach': 25.0, 'low': 5.0, 'high': 15.0, 'shortest': 2.0, 'longest': 5.0,
+}  # fmt: skip
 HOPS = {**CALM, 'speed': 2.0, 'low': 0.8, 'high': 1.6, 'period': 15.0}
 PUSHES = {**CALM, 'pushes': 60.0}  # one in each minute, of 0.3 m g if it is not set
 
@@ -33,7 +37,8 @@ class Condition:
       wind
     - `air`: factor of the effects of air on rotors and body
     - `mismatch`: factor of the errors of mass, inertia, centre of mass, and of the battery
-    - `payload`: share of the mass that is dropped in half of the flights
+    - `payload`: share of the mass that is dropped in half of the flights, less if there is less
+      than the weight of thrust to spare
     - `delay`, `age` [s]: true; together 10 ms are told
     - `imu`: factor of bias, vibration and displacement of the accelerometer
     """
@@ -64,13 +69,15 @@ class Condition:
         speed, angle = uniform(*self.wind), uniform(-np.pi, np.pi)
         up, direction = uniform(-0.05, 0.05), normal(3)
         hook = np.append(uniform(-0.03, 0.03, 2), -0.05)
-        loaded = rng.random() < 0.5
+        weight = vehicle.mass * vehicle.gravity
+        spare = n * vehicle.thrust * vehicle.fastest**2 / weight - 1.0
+        loaded = min(1.0, spare) * (rng.random() < 0.5)
         values = {
             'mass_factor': 1.0 + 0.03 * m * uniform(-1, 1),
             'inertia_factor': 1.0 + 0.08 * m * uniform(-1, 1, 3),
             'centre': 0.004 * m * uniform(-1, 1, 3),
-            'thrust_factor': np.clip(1.0 + spread * normal(n), 0.75, 1.25),
-            'torque_factor': np.clip(1.0 + spread * normal(n), 0.75, 1.25),
+            'thrust_factor': 1.0 + spread * np.clip(normal(n), -2.0, 2.0),
+            'torque_factor': 1.0 + spread * np.clip(normal(n), -2.0, 2.0),
             'lag': np.clip(lag, 0.005, 0.2), 'braking': 1.0 + 0.3 * m * rng.random(),
             'delay': self.delay, 'age': self.age, 'jitter': self.jitter,
             'sag': 0.05 * m * rng.random(), 'sag_rate': m * 0.03 * rng.random() / duration,
@@ -90,7 +97,7 @@ class Condition:
         }
         mission = {**self.mission, **(failure or {})}
         if 'pushes' in mission:
-            mission.setdefault('push', 0.3 * vehicle.mass * vehicle.gravity)
+            mission.setdefault('push', 0.3 * weight)
         return fill(Truth(), **{**values, **self.more}), fill(Mission(), **mission)
 
 
@@ -105,9 +112,9 @@ FLOWN = {
     'usual': Condition(),
     'turbulence': Condition(wind=(4.0, 8.0), lag=(0.2, 0.3), spread=(0.03, 0.05)),
     'aggressive': Condition(SHARP, lag=(0.2, 0.35), spread=(0.05, 0.08)),
-    'landings': Condition(HOPS, wind=(0.0, 6.0), lag=(0.2, 0.3), spread=(0.03, 0.05)),
+    'landings': Condition(HOPS, wind=(0.0, 5.0), lag=(0.2, 0.3), spread=(0.03, 0.05)),
     'pushes': Condition(PUSHES),
-    'latency': Condition(delay=0.01, age=0.01),
+    'latency': Condition(SHARP, lag=(0.2, 0.35), spread=(0.05, 0.08), delay=0.01, age=0.01),
 }
 """The conditions of the tables."""
 
@@ -128,7 +135,7 @@ CAUSES = {
     'rotor inertia 2e-5': Condition(**NOTHING, more={'rotor_inertia': 2e-5}),
     'aggressive, nothing else': Condition(SHARP, **NOTHING),
     'landings, no wind': Condition(HOPS, **NOTHING),
-    'landings, wind 6 m/s': Condition(HOPS, **{**NOTHING, 'wind': (6.0, 6.0), 'air': 1.0}),
+    'landings, wind 5 m/s': Condition(HOPS, **{**NOTHING, 'wind': (5.0, 5.0), 'air': 1.0}),
 }
 """Conditions of which one thing alone differs from the ideal."""
 

@@ -67,7 +67,7 @@ class Count:
     """What was counted in flights without a failure."""
 
     hours: float = 0.0
-    alarms: int = 0
+    alarms: int = 0  # at most one in a landing
     landings: int = 0
     landing_alarms: int = 0  # landings with an alarm
     takeoff_alarms: int = 0  # alarms from the command to climb until the height is reached
@@ -89,20 +89,23 @@ class Count:
         """Count a flight."""
         places = np.array([i for i, _ in found], int)
         self.hours += len(rows) * PERIOD / 3600.0
-        self.alarms += len(found)
         for _, rotors in found:
             self.names[rotors] = self.names.get(rotors, 0) + 1
         landings = list(landed(rows))
+        again, ends = _within(places, landings)
+        self.alarms += len(found) - again + ends
         self.landings += len(landings)
-        self.landing_alarms += _within(places, landings)
+        self.landing_alarms += ends
         self.takeoff_alarms += int((rows['mode'][places] == CLIMBING).sum())
         pushes = [(begin, end + round(0.5 / PERIOD)) for begin, end in runs(rows['pushed'] > 0)]
         self.pushes += len(pushes)
-        self.push_alarms += _within(places, pushes)
+        self.push_alarms += _within(places, pushes)[1]
 
 
-def _within(places: Array, intervals: Sequence[tuple[int, int]]) -> int:
-    return sum(bool(((places >= a) & (places < b)).any()) for a, b in intervals)
+def _within(places: Array, intervals: Sequence[tuple[int, int]]) -> tuple[int, int]:
+    """Return how many places are in intervals, and how many intervals have one."""
+    inside = [int(((places >= a) & (places < b)).sum()) for a, b in intervals]
+    return sum(inside), sum(map(bool, inside))
 
 
 def runs(flags: Any) -> list[tuple[int, int]]:

@@ -56,6 +56,8 @@ struct truth {
 /* What is flown. */
 struct mission {
     double speed, acceleration, tilt;    /* limits [m/s, m/s^2, rad] */
+    double ahead;                        /* share of the acceleration that is fed forward */
+    double stiffness;                    /* factor of the gains of attitude and rates */
     double reach, low, high;             /* waypoints: half the side of a square, heights [m] */
     double shortest, longest;            /* time between waypoints [s] */
     double turn;                         /* greatest rate of the reference of yaw [rad/s] */
@@ -104,7 +106,7 @@ struct plant {
 
     int mode;
     double since, goal[3], heading, goal_heading, reference[3], next_goal, next_hop, rate;
-    double integral[3], spun[3], still, spool;
+    double integral[3], spun[3], feed[3], still, spool;
     double measured_p[3], measured_v[3], measured_q[4], measured_w[3];
 };
 
@@ -549,13 +551,14 @@ static void choose(struct plant *a) {
 
 static const double POSITION_GAIN = 1.1, VELOCITY_GAIN = 2.6, VELOCITY_INTEGRAL = 0.7;
 static const double ATTITUDE_GAIN[3] = {4.5, 4.5, 1.4}, RATE_GAIN[3] = {12.0, 12.0, 3.5};
-static const double RATE_INTEGRAL[3] = {8.0, 8.0, 1.0};
+static const double FEED = 0.08;         /* time constant of what is fed forward [s] */
+static const double RATE_INTEGRAL[3] = {15.0, 15.0, 2.0};
 
 /* Compute the wrench (thrust, torques) that the mission wants now. */
 static void control(struct plant *a, double dt, double wrench[4]) {
     const struct vehicle *vehicle = &a->vehicle;
     const struct mission *m = &a->mission;
-    double wanted[3], error[3], r[3][3], up[3], x[3], y[3], own[3];
+    double wanted[3], error[3], r[3][3], up[3], own[3];
     int landing = a->mode == DESCENDING || a->mode == SHUTTING;
     for (int i = 0; i < 3; i++) wanted[i] = POSITION_GAIN * (a->goal[i] - a->measured_p[i]);
     double level = sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1]);
@@ -566,12 +569,13 @@ static void control(struct plant *a, double dt, double wrench[4]) {
     if (a->mode == CLIMBING) wanted[2] = clip(wanted[2], 0.0, 0.8);
     if (landing) wanted[2] = -a->rate;
     for (int i = 0; i < 3; i++) {
-        double change = m->acceleration * dt;
-        a->reference[i] += clip(wanted[i] - a->reference[i], -change, change);
+        double most = m->acceleration * dt, change = clip(wanted[i] - a->reference[i], -most, most);
+        a->reference[i] += change;
+        a->feed[i] += dt / FEED * (m->ahead * change / dt - a->feed[i]);
         error[i] = a->reference[i] - a->measured_v[i];
         if (a->mode != SHUTTING && a->spool >= 1.0)
-            a->integral[i] = clip(a->integral[i] + VELOCITY_INTEGRAL * dt * error[i], -4.0, 4.0);
-        up[i] = VELOCITY_GAIN * error[i] + a->integral[i];
+            a->integral[i] = clip(a->integral[i] + VELOCITY_INTEGRAL * dt * error[i], -7.0, 7.0);
+        up[i] = VELOCITY_GAIN * error[i] + a->integral[i] + a->feed[i];
     }
     up[2] = clip(up[2] + vehicle->gravity, 0.3 * vehicle->gravity, 1.8 * vehicle->gravity);
     double side = sqrt(up[0] * up[0] + up[1] * up[1]), most = up[2] * tan(m->tilt);
@@ -583,31 +587,23 @@ static void control(struct plant *a, double dt, double wrench[4]) {
     double body_z[3] = {r[0][2], r[1][2], r[2][2]};
     wrench[0] = vehicle->mass * fmax(dot(up, body_z), 0.2 * vehicle->gravity);
 
-    /* The attitude that thrusts along `up`, with the reference of the heading. */
-    double ahead = remainder(a->goal_heading - a->heading, 2.0 * PI);
+    /* Tilt towards `up`, and turn towards the reference of the heading. */
+    double ahead = remainder(a->goal_heading - a->heading, 2.0 * PI), length = norm(up), turned[3];
+    double actual = atan2(r[1][0], r[0][0]);
     a->heading += clip(ahead, -m->turn * dt, m->turn * dt);
-    double length = norm(up), heading[3] = {cos(a->heading), sin(a->heading), 0.0};
+    ahead = clip(remainder(a->heading - actual, 2.0 * PI), -0.6, 0.6);
+    a->heading = actual + ahead;
     for (int i = 0; i < 3; i++) up[i] /= length;
-    cross(up, heading, y);
-    length = norm(y);
-    for (int i = 0; i < 3; i++) y[i] /= length;
-    cross(y, up, x);
-    double actual[3][3], goal[3][3], turned[3] = {0};
-    for (int i = 0; i < 3; i++) {
-        actual[0][i] = r[i][0]; actual[1][i] = r[i][1]; actual[2][i] = r[i][2];
-        goal[0][i] = x[i]; goal[1][i] = y[i]; goal[2][i] = up[i];
-    }
-    for (int k = 0; k < 3; k++) {  /* the mean axis that turns the actual axes into the goal's */
-        double each[3];
-        cross(actual[k], goal[k], each);
-        for (int i = 0; i < 3; i++) turned[i] += 0.5 * each[i];
-    }
+    cross(body_z, up, turned);
+    double sine = norm(turned), angle = atan2(sine, dot(body_z, up));
+    for (int i = 0; i < 3; i++) turned[i] *= sine > 1e-9 ? angle / sine : 0.0;
     to_body(r, turned, own);
+    own[2] = ahead * r[2][2];
     for (int i = 0; i < 3; i++) {
-        double off = ATTITUDE_GAIN[i] * own[i] - a->measured_w[i];
+        double off = m->stiffness * ATTITUDE_GAIN[i] * own[i] - a->measured_w[i];
         if (a->mode != SHUTTING && a->spool >= 1.0)
-            a->spun[i] = clip(a->spun[i] + RATE_INTEGRAL[i] * dt * off, -8.0, 8.0);
-        wrench[1 + i] = vehicle->inertia[i] * (RATE_GAIN[i] * off + a->spun[i]);
+            a->spun[i] = clip(a->spun[i] + RATE_INTEGRAL[i] * dt * off, -25.0, 25.0);
+        wrench[1 + i] = vehicle->inertia[i] * (m->stiffness * RATE_GAIN[i] * off + a->spun[i]);
     }
     if (a->mode == SHUTTING || a->mode == GROUNDED) a->spool = fmax(0.0, a->spool - dt / 0.4);
     else a->spool = fmin(1.0, a->spool + dt / 0.6);

@@ -69,8 +69,8 @@ Truth = _structure(
     ('imu', 3), 'vibration')
 
 Mission = _structure(
-    'Mission', 'speed', 'acceleration', 'tilt', 'reach', 'low', 'high', 'shortest', 'longest',
-    'turn', 'period', 'pushes', 'push', 'failure', 'rotor', 'left', 'time')
+    'Mission', 'speed', 'acceleration', 'tilt', 'ahead', 'stiffness', 'reach', 'low', 'high',
+    'shortest', 'longest', 'turn', 'period', 'pushes', 'push', 'failure', 'rotor', 'left', 'time')
 
 
 def fill(structure: Any, **values: Any) -> Any:
