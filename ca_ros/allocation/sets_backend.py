@@ -18,13 +18,11 @@ from ca_ros.arrays import Array
 from ca_ros.kernel.vectored import KernelNewton, fields_of, sets_newton
 from ca_ros.problem.limits import Limits, shares
 from ca_ros.problem.prioritization import airmode_limits
-from ca_ros.problem.problem import EXACT_TOLERANCE, lengths
+from ca_ros.problem.problem import EXACT_TOLERANCE, INSIDE, lengths
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vectored_limits import SERVED, limits_of_vectors
 from ca_ros.problem.vectored_priorities import VectoredPrioritization, refuse_limits
 from ca_ros.solver.convex_sets import ConvexSets
-
-INSIDE = 0.99  # greatest share of the way from the middle to the boundary where lines begin
 
 
 class VectoredEngine:
@@ -56,7 +54,7 @@ class VectoredEngine:
         if serving.begin is not None:
             return serving.begin
         way = serving.reference - middle
-        if self._problem.attains_from_middle(way / INSIDE):
+        if self._problem.reference_central and serving.reference is self._problem.reference:
             return serving.reference
         reached = self._solver.line(middle, way, 1.0 / INSIDE).length
         return np.asarray(middle + min(1.0, INSIDE * reached) * way, float)

@@ -11,13 +11,11 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.problem import INSIDE, AllocationProblem
 from ca_ros.settings import Numbers, ParameterError, Settings, setting
 from ca_ros.solver.least_norm_qp import AIM, sum_rounding
 from ca_ros.solver.lexicographic_lp import ZERO, Simplex
 from ca_ros.vehicle.settings import AXES, AxesSettings
-
-INSIDE = 0.99  # greatest share of the way to the boundary at which a line may begin
 
 ORDER = (('roll', 'pitch'), ('thrust',), ('yaw',), ('force_x', 'force_y'))
 """The default order: groups of axes, the most important first."""

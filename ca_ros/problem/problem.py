@@ -25,7 +25,7 @@ from ca_ros.vehicle.vehicle import EFFECTORS_MAX
 EXACT_TOLERANCE = 1e-12  # residual of an exact allocation, relative to max(1, |u|)
 
 UNITS_MIN = 1e-6  # least range of an axis, also over the greatest, to judge errors
-INSIDE = 1.001  # share of the way to the reference whose thrusts show that it is inside
+INSIDE = 0.99  # greatest share of the way to the boundary at which a line may begin
 
 Part = TypeVar('Part', bound='AllocationProblem')
 
@@ -227,20 +227,21 @@ class AllocationProblem:
         outside = np.abs(begin + beyond * way - self.center) >= self.extent
         if outside.any() or self._decomposition is None:
             return False
-        # Singular values are greater than 1e-9, so rounding changes less than 1e-3 of the way.
-        return self.attains_from_middle(INSIDE * way) or self.reach(begin, way, 2.0) > beyond
+        return self.reference_central or self.reach(begin, way, 2.0) > beyond
 
-    def attains_from_middle(self, way: Array) -> bool:
-        """Tell whether the wrench of the middles plus a way (m,) is attainable for sure.
+    @cached_property
+    def reference_central(self) -> bool:
+        """Whether the reference is for sure at most `INSIDE` of the way to the boundary.
 
-        It is if the least shares of the half ranges that give it are within the bounds.
+        It is if the least shares of the half ranges that lead there are within the bounds.
         """
         if self._decomposition is None:
             return False
+        # Singular values are greater than 1e-9, so rounding changes less than 1e-3 of the way.
         left, singular, right = self._decomposition
         sizes = np.abs(self.gamma * self.half_range).sum(axis=1)
-        shares = (way / sizes @ left / singular) @ right
-        thrusts = self.middle + self.half_range * shares
+        way = (self.reference - self.gamma @ self.middle) / INSIDE
+        thrusts = self.middle + self.half_range * ((way / sizes @ left / singular) @ right)
         return bool((self.clip(thrusts) == thrusts).all())
 
     @property

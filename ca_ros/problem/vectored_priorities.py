@@ -13,7 +13,6 @@ from ca_ros.arrays import Array
 from ca_ros.kernel.vectored import priorities, sets_newton
 from ca_ros.problem.prioritization import (
     AIRMODE,
-    INSIDE,
     LAG,
     LAG_RATIO,
     THRUST_DEVIATION,
@@ -21,7 +20,7 @@ from ca_ros.problem.prioritization import (
     Served,
     sensed,
 )
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.problem import INSIDE, AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import ConvexSets, Interval
@@ -62,16 +61,17 @@ class VectoredPrioritization:
         first = self.groups[0]
         middle = problem.gamma[first] @ problem.middle
         wanted = (self.reference if begin is None else begin)[first]
-        way, share = np.zeros(len(problem.axes)), 1.0
-        way[first] = (wanted - middle) / INSIDE
-        if not problem.attains_from_middle(way):
+        usual = bool((self.reference == problem.reference).all())
+        if usual and begin is None and problem.reference_central:
+            share = 1.0
+        else:
             reached = sets_newton(problem.gamma[first], problem.sets).line(
                 middle, wanted - middle, 1.0 / INSIDE).length
             share = min(1.0, INSIDE * reached)
         self.begin = wanted if share > 1.0 - 1e-9 else middle + share * (wanted - middle)
         keeps = [problem.axes.index(axis) for axis in sensed(named, thrust_deviation)]
         self.senses: list[int] = []
-        if not (self.reference == problem.reference).all() or not problem.reference_inside:
+        if not usual or not problem.reference_inside:
             served = problem.gamma @ self._answer(self.reference)[0]
             off = np.abs(served - self.reference) / problem.extent
             keeps = [row for row in keeps if off[row] <= 10.0 * YIELD]
