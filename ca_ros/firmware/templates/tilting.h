@@ -10,7 +10,7 @@ extern "C" {
 #endif
 
 #define {{ NAME }}_ROTORS {{ firmware.problem.vehicle.n }}
-#define {{ NAME }}_SERVOS {{ firmware.tilts.rotors | length }}
+#define {{ NAME }}_SERVOS {{ firmware.problem.vehicle.servos | length }}
 #define {{ NAME }}_COMMANDS ({{ NAME }}_ROTORS + {{ NAME }}_SERVOS)
 #define {{ NAME }}_AXES {{ axes | length }}
 #define {{ NAME }}_FAULTS {{ firmware.faults | length }}
