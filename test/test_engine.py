@@ -6,7 +6,6 @@ import pickle
 import signal
 from argparse import Namespace
 from concurrent.futures import ThreadPoolExecutor
-from hashlib import sha256
 from multiprocessing import active_children
 from threading import Barrier
 
@@ -105,23 +104,6 @@ def test_a_killed_worker_process_is_reported(tmp_path):
 def test_a_worker_with_other_code_is_refused():
     with pytest.raises(CaRosError, match='another version of numpy than this process'):
         engine.call(b'', {**code(), 'numpy': '0'}, 0)
-
-
-def test_a_worker_with_another_source_of_ones_own_method_is_refused(tmp_path, monkeypatch):
-    """A Dask worker keeps the module that it imported for an earlier study."""
-    module, head = tmp_path / 'own_of_chunks.py', 'from ca_ros.allocation import Direct\n'
-    module.write_text(f'{head}class Own(Direct):\n    version = 1\n')
-    monkeypatch.syspath_prepend(tmp_path)
-    method = 'own_of_chunks:Own'
-    task, found = pickle.dumps(Thirds(tmp_path)), code(method)
-    assert engine.call(task, found, 0) == EXPECTED[0]
-    # What another process finds after a change of the file.
-    module.write_text(f'{head}class Own(Direct):\n    version = 2\n')
-    changed = {**found, method: sha256(module.read_bytes()).hexdigest()}
-    with pytest.raises(CaRosError, match=f'another version of {method} than this process'):
-        engine.call(task, changed, 0)
-    with pytest.raises(CaRosError, match='No module named'):
-        engine.call(task, {**code(), 'absent_of_chunks:Own': ''}, 0)
 
 
 def test_threads_of_a_worker_do_not_share_a_task(monkeypatch):

@@ -35,7 +35,7 @@ PLOTS = ('errors.png', 'latency.png', 'slices.png', 'violations.png')
 
 def test_a_metric_that_is_not_finite_is_null_in_json(tmp_path):
     worst = {'worst': [-np.inf, np.nan, 1.0]}
-    write(tmp_path / 'study', pd.DataFrame({'a': [1.0]}), worst, '', 'markdown')
+    write(tmp_path / 'study', pd.DataFrame({'a': [1.0]}), worst, '')
     text = (tmp_path / 'study.json').read_text()
     assert json.loads(text, parse_constant=pytest.fail) == {'worst': [None, None, 1.0]}
 

@@ -6,7 +6,7 @@ import pickle
 import signal
 import sys
 from asyncio import TimeoutError as AsyncTimeoutError
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import (
     BrokenExecutor,
     CancelledError,
@@ -18,17 +18,13 @@ from concurrent.futures import (
 )
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
-from hashlib import sha256
-from inspect import getsource
 from multiprocessing import active_children, get_context, parent_process
-from pathlib import Path
 from threading import Thread, local
 from time import perf_counter
 from typing import Any
 
 from tqdm import tqdm
 
-from ca_ros.allocation import method_class
 from ca_ros.allocation.exact import processors
 from ca_ros.arguments import positive
 from ca_ros.errors import CaRosError
@@ -54,17 +50,16 @@ def chunk_size(total: int, least: int) -> int:
 
 
 def compute(
-    task: Callable[[int], Any], count: int, options: argparse.Namespace,
-    methods: Sequence[str] = (), **bar: Any,
+    task: Callable[[int], Any], count: int, options: argparse.Namespace, **bar: Any,
 ) -> list[Any]:
     """Return the results of chunks in the order of their numbers, whatever computed them.
 
     The task, which can be pickled, returns the result of a chunk.  It depends on the number of the
-    chunk alone, and on the code of the user's own `methods`, ``module:Class``.  The options are
-    those of `add_options`; the bar, which has further arguments, counts chunks.  Raises an
-    CaRosError if a worker process was killed, the cluster cannot be reached, or has other code.
+    chunk alone.  The options are those of `add_options`; the bar, which has further arguments,
+    counts chunks.  Raises a CaRosError if a worker process was killed, the cluster cannot be
+    reached, or has other versions.
     """
-    given, done, news = (pickle.dumps(task), code(*methods)), 0, perf_counter() + NEWS
+    given, done, news = (pickle.dumps(task), code()), 0, perf_counter() + NEWS
     futures: list[Future[Any]] = []
     with _executor(options, count) as executor, tqdm(total=count, disable=None, **bar) as shown:
         try:
@@ -141,10 +136,9 @@ _last = local()  # the last task of a thread: solvers such as OSQP must not be s
 def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
     """Compute a chunk on a worker.
 
-    Raises a CaRosError if the worker has other code than `expected`: its digits might differ.
+    Raises a CaRosError if the worker has other versions than `expected`: its digits might differ.
     """
-    found = code(*(name for name in expected if ':' in name))
-    if found != expected:
+    if (found := code()) != expected:
         names = ', '.join(name for name in expected if found.get(name) != expected[name])
         raise CaRosError(f'a worker has another version of {names} than this process')
     if getattr(_last, 'pickled', None) != pickled:
@@ -153,21 +147,8 @@ def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
 
 
 @cache
-def code(*methods: str) -> dict[str, str]:
-    """Return what identifies the code on which digits depend: digests, kernel, versions.
-
-    The methods are the user's own, ``module:Class``, as this process imported them.
-    """
-    digest, package, installed = sha256(), Path(__file__).parents[1], versions()
-    for path in sorted(package.rglob('*')):
-        if path.suffix in ('.py', '.c', '.h'):
-            digest.update(path.read_bytes())
-    found = {'ca_ros': digest.hexdigest(), 'kernel': 'NumPy' if chosen(1, 1) is None else 'C'}
-    found |= {name: installed[name] for name in ('numpy', 'scipy', 'osqp')}
-    for method in methods:
-        try:
-            module = sys.modules[method_class(method).__module__]
-        except ValueError as error:
-            raise CaRosError(str(error)) from None
-        found[method] = sha256(getsource(module).encode()).hexdigest()
-    return found
+def code() -> dict[str, str]:
+    """Return the versions on which digits depend, and the engine of `exact`."""
+    installed = versions()
+    found = {name: installed[name] for name in ('ca_ros', 'numpy', 'scipy', 'osqp')}
+    return found | {'kernel': 'NumPy' if chosen(1, 1) is None else 'C'}

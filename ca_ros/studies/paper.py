@@ -56,11 +56,6 @@ def of_the_paper(parameters: Mapping[str, Any]) -> bool:
     return _as_shipped(parameters, 'vehicle.', 'rotors.')
 
 
-def flown_as_in_the_paper(parameters: Mapping[str, Any]) -> bool:
-    """Return whether parameters are those of the paper's vehicle and simulation."""
-    return of_the_paper(parameters) and _as_shipped(parameters, 'simulator.')
-
-
 def why(found: Mapping[str, Any], method: str) -> str:
     """Return why a study's row of a method differs from the paper's."""
     shipped = _as_shipped(found['parameters'], 'allocation.conventional.')

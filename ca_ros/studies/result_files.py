@@ -15,7 +15,6 @@ from typing import Any
 import pandas as pd
 
 from ca_ros.studies.cases import Case
-from ca_ros.studies.tables import latex
 
 CPUS = Path('/proc/cpuinfo')
 
@@ -23,25 +22,18 @@ PACKAGES = ('ca_ros', 'numpy', 'scipy', 'osqp', 'pandas', 'matplotlib')
 
 NOT_REPEATED = (
     'out', 'figures', 'figure_width', 'fail', 'announce', 'ros_arguments', 'goals', 'waypoint',
-    'heading', 'trajectory', 'workers', 'scheduler', 'tables', 'plot_rows',
+    'heading', 'trajectory', 'workers', 'scheduler', 'plot_rows',
 )  # fmt: skip
 """Options that the command leaves out: places of files and of computation, and what the dynamic
 study adds itself."""
 
 
-def write(
-    stem: Path, rows: pd.DataFrame, found: Mapping[str, Any], document: str, tables: str
-) -> None:
-    """Write the rows as CSV, the metrics as JSON (null if not finite), a document as Markdown.
-
-    With `tables` latex, its tables as LaTeX, too.
-    """
+def write(stem: Path, rows: pd.DataFrame, found: Mapping[str, Any], document: str) -> None:
+    """Write the rows as CSV, the metrics as JSON (null if not finite), a document as Markdown."""
     rows.to_csv(stem.with_suffix('.csv'), index=False, lineterminator='\n')
     text = json.dumps(_plain(found), indent=2, allow_nan=False) + '\n'
     stem.with_suffix('.json').write_text(text, encoding='utf-8')
     stem.with_suffix('.md').write_text(document, encoding='utf-8')
-    if tables == 'latex':
-        stem.with_suffix('.tex').write_text(latex(document), encoding='utf-8')
 
 
 def _plain(found: Any) -> Any:

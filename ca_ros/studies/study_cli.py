@@ -28,8 +28,6 @@ def parser(prog: str, description: str) -> argparse.ArgumentParser:
     change = "a parameter other than in the vehicle's file, as with ROS; may be repeated"
     add('-p', '--param', action='append', default=[], metavar='NAME:=VALUE', help=change)
     add('--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results')
-    tables = 'latex: also the tables as LaTeX, with the rules of booktabs'
-    add('--tables', choices=('markdown', 'latex'), default='markdown', help=tables)
     add_options(made)
     return made
 

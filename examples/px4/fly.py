@@ -248,17 +248,16 @@ def main() -> None:
     options = parser.parse_args()
     options.px4, options.out = options.px4.resolve(), options.out.resolve()
     options.out.mkdir(parents=True, exist_ok=True)
-    domain, lock = claim()
-    os.environ |= {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    rclpy.init()
     failed = 0
-    for scenario in options.scenarios:
-        for number in range(options.first, options.first + options.repeat):
-            said = fly(scenario, number, options)
-            failed += 'not flown' in said
-            print(said, flush=True)
-    try_shutdown()
-    lock.close()
+    with claim() as domain:
+        os.environ |= {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        rclpy.init()
+        for scenario in options.scenarios:
+            for number in range(options.first, options.first + options.repeat):
+                said = fly(scenario, number, options)
+                failed += 'not flown' in said
+                print(said, flush=True)
+        try_shutdown()
     sys.exit(failed > 0)
 
 

@@ -18,7 +18,6 @@ from ca_ros.bringup.flight_options import (
     trajectory_words,
 )
 from ca_ros.problem.audit import audit
-from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.simulation.closed_loop import Change, Found, fly, replay, waypoint_changes
 from ca_ros.simulation.record import Flight
@@ -32,17 +31,15 @@ from ca_ros.studies.dynamic.metrics import (
     metrics,
     sample_errors,
 )
-from ca_ros.studies.dynamic.paper_checks import findings, observe
 from ca_ros.studies.dynamic.plots import ROWS, draw
 from ca_ros.studies.dynamic.ros_flight import check, fly_over_ros
-from ca_ros.studies.dynamic.tables import document
-from ca_ros.studies.paper import flown_as_in_the_paper
+from ca_ros.studies.dynamic.tables import document, observations
 from ca_ros.studies.result_files import facts, write
 from ca_ros.studies.study_cli import case_of, concluded, parser
 from ca_ros.studies.tables import render
 from ca_ros.vehicle.state import NULL_STATE
 
-FOR_MANOEUVRES = {'vehicle', 'methods', 'param', 'out', 'tables', 'manoeuvres', 'seeds'}
+FOR_MANOEUVRES = {'vehicle', 'methods', 'param', 'out', 'manoeuvres', 'seeds'}
 """The options that count with ``--manoeuvres``."""
 
 
@@ -151,7 +148,7 @@ def _fly_manoeuvres(
         'manoeuvres.md', table=summary(found), recovered=RECOVERED,
         **(about := facts(case, 'dynamic_study', options)),
     )
-    write(options.out / 'manoeuvres', found, about, text, options.tables)
+    write(options.out / 'manoeuvres', found, about, text)
     return text
 
 
@@ -189,10 +186,7 @@ def _write(
         ) for name, flight in flights.items()
     }
     resting = bool((case.plant().state == NULL_STATE).all())
-    # The observations are about the paper's flight without failures.
-    words, problem = trajectory_words(options), VehicleProblem(case.vehicle)
-    checked = flown_as_in_the_paper(case.parameters) and not options.fail and not words
-    observations = list(observe(flights, problem, goal)) if checked else []
+    words = trajectory_words(options)
     lost = audit(case.vehicle.with_health(last)).lost
     found = {
         'duration': options.duration,
@@ -207,14 +201,12 @@ def _write(
         'detected': {name: _named(case, each) for name, each in detected.items()}
         if options.detect else {},
         'lost_axes': lost,
-        'observations': {each.sentence: each.holds for each in observations},
-        'findings': [] if checked else list(findings(flights, goal, lost)),
-        'numbers': {each.sentence: each.numbers for each in observations},
+        'observations': list(observations(flights, goal, lost)),
     }
     tables = [{'method': name, **flight.columns()} for name, flight in flights.items()]
     rows = pd.concat(map(pd.DataFrame, tables))
     text = document(found)
-    write(out / 'dynamic', rows, found, text, options.tables)
+    write(out / 'dynamic', rows, found, text)
     times = {name: [time / 1e9 for time, _ in found] for name, found in detected.items()}
     study = Flights(flights, samples, case.vehicle, options.goals, failures, times)
     if options.animate:

@@ -1,12 +1,13 @@
-"""The tables of dynamic.md: one row per method, one column per metric."""
+"""The tables and sentences of dynamic.md, about each method."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from math import degrees
 from typing import Any
 
-from ca_ros.studies.dynamic.metrics import RECOVERED, TURNING
-from ca_ros.studies.dynamic.paper_checks import HEIGHT_ERROR
-from ca_ros.studies.tables import render, table
+from ca_ros.control.waypoint import Waypoint
+from ca_ros.simulation.record import Flight
+from ca_ros.studies.dynamic.metrics import RECOVERED, TURNING, heading_rate
+from ca_ros.studies.tables import number, render, table
 
 Metrics = Mapping[str, Any]
 
@@ -67,5 +68,22 @@ def document(found: Metrics) -> str:
     ]
     return render(
         'dynamic.md', **found, table=made, beyond=table(['method', *BEYOND], beyond),
-        height_error=HEIGHT_ERROR, recovered=RECOVERED, turning=TURNING,
+        recovered=RECOVERED, turning=TURNING,
     )
+
+
+def observations(
+    flights: Mapping[str, Flight], waypoint: Waypoint, lost: Collection[str] = ()
+) -> Iterator[str]:
+    """Yield a sentence per flight, for flights that are not the paper's and lose some axes."""
+    for name, flight in flights.items():
+        error, rate = flight.position_error(waypoint), heading_rate(flight)
+        words = [f'With `{name}` the flight ends {number(error)} m from the waypoint']
+        if 'yaw' in lost:
+            words.append('the heading is given up')
+        if abs(rate) > TURNING:
+            words.append(f'the vehicle turns at {rate:.2f} rad/s')
+        elif 'yaw' not in lost:
+            angle = degrees(flight.heading_error(waypoint))
+            words.append(f'with a heading error of {number(angle)}°')
+        yield f'{", ".join(words)}.'

@@ -48,9 +48,8 @@ def _study(options: argparse.Namespace) -> None:
     size, rows = chunk_size(options.samples, step), options.rows or KEPT
     drawn = options.sampling, options.seed, options.samples
     task = StaticChunks(case, list(allocators), *drawn, size, step, batch, rows)
-    own = [name for name in allocators if ':' in name]
     count = -(-options.samples // size)
-    parts = compute(task, count, options, own, unit=' samples', unit_scale=size)
+    parts = compute(task, count, options, unit=' samples', unit_scale=size)
     text = _write(case, allocators, parts, options)
     print(text.partition('\n## ')[0])
     print(f'written: static.csv, .json, .md and plots in {options.out}')
@@ -102,7 +101,7 @@ def _write(
         'left_out': case.left_out,
     }
     text = document(found)
-    write(options.out / 'static', rows.drop(columns='violation'), found, text, options.tables)
+    write(options.out / 'static', rows.drop(columns='violation'), found, text)
     times = {name: own['time'] for name, own in methods.items()}
     if options.figures:
         style = options.figures, options.figure_width
