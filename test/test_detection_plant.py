@@ -21,6 +21,7 @@ from benchmarks.detection.plant import (
     Truth,
     fill,
 )
+from benchmarks.detection.reallocation import fly_on
 from ca_ros.simulation.rigid_body import rotation_matrix
 
 SETUP = Setup.load('x8')
@@ -219,6 +220,13 @@ def test_alarms_are_counted_once_a_landing_and_once_a_push():
     assert (count.alarms, count.pushes, count.push_alarms) == (3, 3, 1)
     assert (count + count).names == {(2,): 6}
     assert len(rows) * PERIOD == 60.0
+
+
+def test_an_octorotor_flies_on_if_a_loss_is_announced_and_a_quadrotor_does_not():
+    for name, flies in (('octorotor', True), ('quadrotor', False)):
+        _, (found,) = fly_on((name, 'usual', 'announced', range(1), False))
+        assert found.flies is flies
+        assert (found.drop > 20.0) is not flies
 
 
 def test_tables_know_arms_and_intervals():

@@ -7,7 +7,7 @@ them to alarms.md; names.csv has a row for each failure.
 import argparse
 import csv
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -25,6 +25,7 @@ from benchmarks.detection.flights import (
     Outcome,
     fly,
 )
+from benchmarks.detection.reallocation import WAYS, call, fly_on
 from ca_ros.errors import CaRosError
 
 BLOCK = 10  # flights of a job
@@ -35,18 +36,22 @@ def _blocks(first: int, count: int) -> list[range]:
     return [range(begin, min(begin + BLOCK, first + count)) for begin in ends]
 
 
-def _jobs(options: argparse.Namespace) -> list[tuple[Any, ...]]:
+def _jobs(options: argparse.Namespace) -> list[tuple[Callable[[Any], Any], tuple[Any, ...]]]:
+    """Return what is to be flown: a function, and its argument."""
     first = TUNING if options.publish else options.first
     flights = round(options.hours * 3600.0 / DURATION)
-    losses = -(-options.losses // len(POOLED))
-    if not options.publish and first + max(flights, losses) > TUNING:
+    losses, reallocated = (-(-each // len(POOLED)) for each in (options.losses, options.flights))
+    if not options.publish and first + max(flights, losses, reallocated) > TUNING:
         raise CaRosError(f'seeds from {TUNING} on are for --publish: fly less, or lower --first')
     flown = CAUSES if options.causes else options.conditions
+    parts = [
+        (fly, flown, [''], flights), (fly, POOLED, options.kinds, losses),
+        (fly_on, POOLED, WAYS, reallocated),
+    ]
     return [
-        *((vehicle, name, '', seeds, options.imu) for vehicle in options.vehicles
-          for name in flown for seeds in _blocks(first, flights)),
-        *((vehicle, name, loss, seeds, options.imu) for vehicle in options.vehicles
-          for loss in options.kinds for name in POOLED for seeds in _blocks(first, losses)),
+        (function, (vehicle, name, kind, seeds, options.imu))
+        for function, names, kinds, count in parts for vehicle in options.vehicles
+        for name in names for kind in kinds for seeds in _blocks(first, count)
     ]
 
 
@@ -55,14 +60,17 @@ def run(options: argparse.Namespace) -> tuple[str, dict[tuple[str, ...], Any]]:
     found: dict[tuple[str, ...], Any] = {}
     jobs, begin = _jobs(options), perf_counter()
     with ProcessPoolExecutor(options.jobs, mp_context=get_context('spawn')) as pool:
-        for i, (key, part) in enumerate(pool.map(fly, jobs)):
+        for i, (key, part) in enumerate(pool.map(call, *zip(*jobs, strict=True))):
             found[key] = found[key] + part if key in found else part
             if sys.stderr.isatty():
                 print(f'\r{i + 1}/{len(jobs)} {" ".join(key):40}', end='', file=sys.stderr)
     counts: dict[str, dict[str, Count]] = {}
     kinds: dict[tuple[str, ...], list[Outcome]] = {}
     totals: dict[tuple[str, ...], list[Outcome]] = {}
+    ways = {key: part for key, part in found.items() if key[2] in WAYS}
     for (vehicle, name, loss), part in found.items():
+        if loss in WAYS:
+            continue
         if not loss:
             counts.setdefault(vehicle, {})[name] = part
             continue
@@ -77,6 +85,9 @@ def run(options: argparse.Namespace) -> tuple[str, dict[tuple[str, ...], Any]]:
     if totals:
         text.append('## Total losses, by condition\n\n'
                     + tables.names(totals, ('vehicle', 'condition')))
+    if ways:
+        text.append('## Flights with the health told to the allocator\n\n'
+                    + tables.goes_on(ways, WAYS))
     seeds = f'from {TUNING} on, for publishing' if options.publish else f'from {options.first} on'
     text.append(f'Seeds {seeds}; 95 % intervals; {perf_counter() - begin:.0f} s.\n')
     return '\n'.join(text), found
@@ -90,6 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add = parser.add_argument
     add('--hours', type=float, default=0.2, help='of each vehicle in each condition [h]')
     add('--losses', type=int, default=30, help='of each vehicle and kind')
+    add('--flights', type=int, default=0, help='of each vehicle in which the allocator is told')
     add('--vehicles', nargs='+', default=VEHICLES, choices=VEHICLES)
     add('--conditions', nargs='*', default=[*FLOWN], choices=FLOWN, metavar='NAME',
         help=f'of the hours: {", ".join(FLOWN)}')
@@ -113,7 +125,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(['vehicle', 'condition', 'failure', 'rotor', 'named', 'after', 'early'])
         for key, part in found.items():
-            if key[2]:
+            if key[2] in LOSSES:
                 for each in part:
                     named = ' '.join(str(rotor + 1) for rotor in each.named)
                     writer.writerow([*key, each.rotor + 1, named, each.after, each.early])

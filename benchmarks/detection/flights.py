@@ -156,7 +156,7 @@ def healthy(setup: Setup, name: str, condition: Condition, seeds: range) -> Coun
     """Fly without a failure, a flight of each seed; return what was counted."""
     count = Count()
     for seed in seeds:
-        rng = _rng(seed, setup.name, name)
+        rng = rng_of(seed, setup.name, name)
         truth, mission = condition.draw(setup.model, rng, DURATION)
         rows = Plant(setup.model, truth, mission, int(rng.integers(2**63))).fly(DURATION)
         count.overturned += len(rows) < round(DURATION / PERIOD)
@@ -165,7 +165,7 @@ def healthy(setup: Setup, name: str, condition: Condition, seeds: range) -> Coun
     return count
 
 
-def _rng(seed: int, *labels: str) -> np.random.Generator:
+def rng_of(seed: int, *labels: str) -> np.random.Generator:
     return np.random.default_rng([seed, *b'/'.join(label.encode() for label in labels)])
 
 
@@ -206,7 +206,7 @@ def failing(
     """Let a rotor fail in a flight of each seed; return what the detector named."""
     outcomes = []
     for seed in seeds:
-        rng = _rng(seed, setup.name, name, loss)
+        rng = rng_of(seed, setup.name, name, loss)
         rotor = seed % setup.vehicle.n
         high = {'low': 40.0, 'high': 50.0}
         failure = {**high, **LOSSES[loss], 'rotor': rotor, 'time': rng.uniform(*LOST)}

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.detection.flights import POOLED, Count, Outcome
+from benchmarks.detection.reallocation import Flown
 
 
 def rate(events: int, hours: float) -> str:
@@ -92,6 +93,26 @@ def names(found: Mapping[tuple[str, ...], Sequence[Outcome]], labels: Sequence[s
             str(sum(each.early for each in outcomes)),
         ])
     return _table(head, rows)
+
+
+def goes_on(found: Mapping[tuple[str, ...], Sequence[Flown]], ways: Sequence[str]) -> str:
+    """Return the table of flights that go on; keys have vehicle, condition, way."""
+    rows = []
+    for vehicle, name in dict.fromkeys(key[:2] for key in found):
+        flights = [found[vehicle, name, way] for way in ways]
+        rows.append([
+            f'`{vehicle}`', name,
+            *(share(sum(each.flies for each in own), len(own)) for own in flights),
+            *(_spread(own) for own in flights),
+        ])
+    head = ['vehicle', 'condition', *(f'{way}: fly on [%]' for way in ways),
+            *(f'{way}: tilt, drop' for way in ways)]
+    return _table(head, rows)
+
+
+def _spread(flights: Sequence[Flown]) -> str:
+    tilt = np.degrees(np.median([each.tilt for each in flights]))
+    return f'{tilt:.0f}°, {np.median([each.drop for each in flights]):.1f} m'
 
 
 def quantile(outcomes: Iterable[Outcome], q: float) -> str:

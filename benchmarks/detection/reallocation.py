@@ -1,0 +1,124 @@
+"""Flights in which the allocator is told what the detector finds: what that saves or costs."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.detection.conditions import FLOWN, LOSSES, Condition
+from benchmarks.detection.flights import Setup, rng_of
+from benchmarks.detection.plant import PERIOD, Plant
+from ca_ros import Exact
+from ca_ros.arrays import Array
+from ca_ros.problem.audit import accept
+from ca_ros.vehicle.vehicle import Vehicle
+
+AXES = 'thrust', 'roll', 'pitch', 'yaw'
+BEGIN = 8.0  # when the rotor fails, or is taken for failed [s]
+AFTER = 10.0  # how long the flight goes on [s]
+LAST = 3.0  # it is judged by its last seconds [s]
+ANNOUNCED = 0.1  # when a loss is announced [s]
+TILT = np.radians(75.0)  # a vehicle that flies is never tilted further in the last seconds
+CLIMB, DROP = -2.0, 25.0  # it falls no faster in the mean [m/s], and no further [m]
+
+WAYS = 'announced', 'detected', 'unknown', 'false', 'false for 1 s'
+"""What the allocator is told: of a loss after 0.1 s, by the detector, nothing; of no loss at all
+that a sound rotor is lost, for good or for a second, by nobody but us."""
+
+
+@dataclass(frozen=True)
+class Flown:
+    """How a flight ended: whether it goes on, and its greatest tilt [rad] and drop [m]."""
+
+    flies: bool
+    tilt: float
+    drop: float
+    named: tuple[int, ...]
+
+
+class Allocation:
+    """`exact` for the health that is told; each health is set up once."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle, self._made = vehicle, dict[bytes, Callable[[Array], Array]]()
+        self.tell(np.ones(vehicle.n))
+
+    def tell(self, health: Array) -> None:
+        """Allocate for a health (n,) from now on."""
+        key = np.asarray(health, float).tobytes()
+        if key not in self._made:
+            try:
+                self._made[key] = self._make(health)
+            except ValueError:
+                return  # nothing can be made for what is left, so the last one stays, as in nodes
+        self.speeds = self._made[key]
+
+    def _make(self, health: Array) -> Callable[[Array], Array]:
+        exact = Exact(accept(self._vehicle.with_health(health), 'drop').independent)
+        rows = [AXES.index(axis) for axis in exact.problem.axes]
+        return lambda wrench: np.asarray(exact.allocate(wrench[rows]).speeds)
+
+
+def flown(setup: Setup, condition: Condition, way: str, seed: int) -> Flown:
+    """Fly one way of `WAYS`; the rotor is the remainder of the seed."""
+    rng, vehicle = rng_of(seed, setup.name, 'reallocation'), setup.vehicle
+    rotor, duration = seed % vehicle.n, BEGIN + AFTER
+    failure = {'low': 40.0, 'high': 50.0}
+    if not way.startswith('false'):
+        failure |= {**LOSSES['total'], 'rotor': rotor, 'time': BEGIN}
+    truth, mission = condition.draw(setup.model, rng, duration, failure)
+    plant = Plant(setup.model, truth, mission, int(rng.integers(2**63)))
+    allocation, lost = Allocation(vehicle), np.ones(vehicle.n)
+    named: tuple[int, ...] = ()
+    lost[rotor] = 0.0
+    detector: Any = setup.detector() if way == 'detected' else None
+    rows, failed = [], -1
+    for i in range(round(duration / PERIOD)):
+        row, wrench = plant.sense()
+        if failed < 0 and (row['failed'] or (way.startswith('false') and i * PERIOD >= BEGIN)):
+            failed = i
+        if detector is not None:
+            motion = row['attitude'], row['velocity'], row['rates']
+            force = {'specific_force': row['specific_force']} if setup.force else {}
+            if detector.observe(int(row['time']), *motion, **force):
+                allocation.tell(detector.health)
+                named = named or tuple(np.flatnonzero(detector.health < 1.0).tolist())
+        elif failed >= 0:
+            since = round((i - failed) * PERIOD, 6)
+            told = since == 0.0 if way.startswith('false') else since == ANNOUNCED
+            if told and way != 'unknown':
+                allocation.tell(lost)
+            if way == 'false for 1 s' and since == 1.0:
+                allocation.tell(np.ones(vehicle.n))
+        command = allocation.speeds(wrench)
+        if detector is not None:
+            detector.command(int(row['time']), command)
+        plant.act(command)
+        rows.append(plant.state[0])
+    states = np.array(rows)
+    up = 1.0 - 2.0 * (states[:, 6] ** 2 + states[:, 7] ** 2)
+    tilt = np.arccos(np.clip(up, -1.0, 1.0))
+    last = -round(LAST / PERIOD)
+    begin = max(failed, 0)
+    drop = float(states[begin, 2] - states[begin:, 2].min())
+    climb = states[last:, 5].mean()
+    flies = bool(tilt[last:].max() < TILT and climb > CLIMB and drop < DROP)
+    return Flown(flies, float(tilt[begin:].max()), drop, named)
+
+
+def fly_on(
+    job: tuple[str, str, str, range, bool]
+) -> tuple[tuple[str, str, str], list[Flown]]:
+    """Fly for a vehicle, a condition, a way, and seeds; return key and what happened.
+
+    The last part of a job tells whether the detector gets the specific force.
+    """
+    vehicle, name, way, seeds, force = job
+    setup, condition = Setup.load(vehicle, force=force), FLOWN[name]
+    return (vehicle, name, way), [flown(setup, condition, way, seed) for seed in seeds]
+
+
+def call(function: Callable[[Any], Any], job: Any) -> Any:
+    """Call a function; a pool of processes finds this one by its module."""
+    return function(job)
