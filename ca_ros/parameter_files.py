@@ -41,17 +41,8 @@ COMMAND_AGE_MAX = partial(
     'greatest difference between the stamp of a wrench and ROS time; wrenches beyond it are '
     'dropped; 0: no limit', unit='s', minimum=0.0, mutable=True, rebuild=False)
 
-COMMAND_ORDER = partial(
-    setting, 'any', 'wrenches whose stamps are out of order. any: serve them; newer: drop them',
-    mutable=True, rebuild=False)
-
 AWAIT_HEALTH = partial(
     setting, False, 'in mode lockstep, answer a state only with the rotor_health of its stamp')
-
-BATTERY_TIMEOUT = partial(
-    setting, 5.0, 'time without a sound voltage on battery after which a warning begins; the last '
-    'one holds; 0: no warning. Only with rotors.speed_max_per_volt', unit='s', minimum=0.0,
-    mutable=True, rebuild=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,8 +55,6 @@ class SimulationSettings(PlantSettings):
         'deviate from the clock', unit='s/s', minimum=0.01, maximum=10.0)
     publish_clock: bool = setting(
         False, 'publish the simulated time on /clock, for nodes with use_sim_time')
-    publish_odometry: bool = setting(
-        False, 'publish pose and velocity also as one message on local_position/odometry')
     hold_at: float = setting(
         0.0,
         'simulated time at which the simulator waits in mode lockstep, until this parameter is '
@@ -117,14 +106,8 @@ class AllocatorSettings(NodeSettings):
     rotors: RotorSettings
     allocation: AllocationSettings
     await_health: bool = AWAIT_HEALTH()
-    battery_timeout: float = BATTERY_TIMEOUT()
     timeout_action: str = TIMEOUT_ACTION()
     command_age_max: float = COMMAND_AGE_MAX()
-    command_order: Literal['any', 'newer'] = COMMAND_ORDER()
-    publish_throttle: bool = setting(
-        False, 'publish the throttles on command/throttle, see rotors.thrust_curve')
-    publish_pwm: bool = setting(
-        False, 'publish the pulse widths on command/pwm, see rotors.thrust_curve')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +118,6 @@ class ProblemSettings(NodeSettings):
     allocation: MethodSettings
     timeout_action: str = TIMEOUT_ACTION()
     command_age_max: float = COMMAND_AGE_MAX()
-    command_order: Literal['any', 'newer'] = COMMAND_ORDER()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +129,6 @@ class ControllerNodeSettings(NodeSettings):
     allocation: PrioritizedAxesSettings
     controller: ControllerSettings
     await_health: bool = AWAIT_HEALTH()
-    battery_timeout: float = BATTERY_TIMEOUT()
     world_frame: str = WORLD_FRAME()
 
     def __post_init__(self) -> None:

@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, constant
 from ca_ros.errors import CaRosError
+from ca_ros.old_names import REMOVED, RENAMED
 
 Numbers = Annotated[ArrayLike, float]  # the type of a setting that is one number or several
 Words = Annotated[Sequence[str], str]  # the type of a setting that is several words
@@ -35,30 +36,6 @@ REQUIRED = object()  # the default of a setting that a file must have
 
 LARGEST, SMALLEST = 1e9, 1e-30  # positive numbers; products of others could overflow
 WEIGHTS_MAX = 1e4  # greatest ratio of two weights
-
-SWITCH: dict[str, Any] = {'enabled': True, 'disabled': False}
-
-REMOVED = {
-    'bridge.actuators': 'examples/motor_commands.py publishes actuator_msgs/Actuators',
-}
-"""Settings that are no more, with what there is instead."""
-
-RENAMED: dict[str, tuple[str, dict[str, Any]]] = {
-    'allocation.exact.reversal': ('allocation.exact.thrust_deviation', {}),
-    'problem.effectors': ('problem.effector_names', {}),
-    'allocation.exact.slack': ('allocation.exact.residual_slack', {}),
-    'bridge.px4_input': ('px4.interface', {'state': 'offboard'}),
-    'bridge.order': ('px4.order', {}),
-    'bridge.px4_output': ('px4.output', {}),
-    'bridge.px4_thrust_factor': ('px4.thrust_factor', {}),
-    **{
-        name: (name, SWITCH) for name in (
-            'allocation.betaflight_mixer.airmode', 'simulator.publish_clock',
-            'simulator.publish_odometry',
-        )
-    },
-}
-"""By the old name of a setting its new name, and new values for old ones."""
 
 
 class ParameterError(CaRosError, ValueError):

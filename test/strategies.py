@@ -79,7 +79,6 @@ PARAMETERS = {
 
 EVERY_EFFECT = {
     'simulator.sub_steps': 5.0,
-    'simulator.integrator': 'rk4',
     'simulator.seed': 7.0,
     'simulator.initial_position': [0.1, -0.1, 0.0],
     'simulator.initial_velocity': [0.1, 0.0, 0.0],
@@ -93,7 +92,6 @@ EVERY_EFFECT = {
     'simulator.rotational_drag': 1e-4,
     'simulator.wind': [1.0, -0.5, 0.2],
     'simulator.gust_intensity': 0.5,
-    'simulator.gust_time': 0.7,
     'simulator.ground': 'flat',
     'simulator.mass_factor': 1.05,
     'simulator.thrust_factor': [0.95, 1.0, 1.02, 0.98, 1.0, 0.97],

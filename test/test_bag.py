@@ -26,8 +26,7 @@ DecoderFactory = pytest.importorskip('mcap_ros2.decoder').DecoderFactory
 
 pytestmark = pytest.mark.slow
 
-SWITCHES = (
-    'simulator.publish_clock', 'simulator.publish_odometry', 'publish_throttle', 'publish_pwm')
+SWITCHES = 'simulator.publish_clock:=true', 'rotors.thrust_curve.pwm:=[1000.0, 2000.0]'
 """Parameters that switch optional topics on."""
 
 ELSEWHERE = EFFECTORS.name, TILT_COMMAND.name, TILTS.name, STATE_RESTART.name
@@ -75,7 +74,7 @@ def flight(tmp_path_factory):
             'bringup', '--figures', 'none',
             '--mode', 'lockstep', '--duration', str(DURATION), '--detect', '--view',
             '--out', str(folder), '--bag', str(folder / 'bag'), '--ros-args',
-            *(word for name in SWITCHES for word in ('-p', f'{name}:=true')))
+            *(word for value in SWITCHES for word in ('-p', value)))
         out, err = graph.outlive(process)
     assert (folder / 'flight.csv').is_file(), out + err
     table = np.genfromtxt(folder / 'flight.csv', delimiter=',', names=True)

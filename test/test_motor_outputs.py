@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import AllocationProblem, Exact, ParameterError, Vehicle
+from ca_ros.nodes import belief
 from ca_ros.nodes.allocator import rows_of
 from ca_ros.testing import Diagnostics, wrench
 from ca_ros.vehicle.files import read
@@ -24,10 +25,9 @@ CURVE = {
 }
 
 
-def test_throttles_pulses_and_the_voltage(graph, capfd):
-    options = CURVE | {
-        'publish_throttle': 'true', 'publish_pwm': 'true', 'battery_timeout': 0.5,
-        'timeout_action': 'hold'}
+def test_throttles_pulses_and_the_voltage(graph, capfd, monkeypatch):
+    monkeypatch.setattr(belief, 'BATTERY_TIMEOUT', 0.5)
+    options = CURVE | {'timeout_action': 'hold'}
     words = [word for name, value in options.items() for word in ('-p', f'{name}:={value}')]
     host(graph, 'allocator', *words)
     vehicle = Vehicle.from_parameters(read('hexarotor') | CURVE)

@@ -43,8 +43,7 @@ class HandClock(ClockBase):
 def test_with_every_effect_a_reset_repeats_the_flight_to_the_last_bit(graph):
     words = [word for name, value in EVERY_EFFECT.items() for word in ('-p', f'{name}:={value}')]
     client = SimulatorClient(
-        graph, 'lockstep', *words, '-p', 'simulator.publish_clock:=true',
-        '-p', 'simulator.publish_odometry:=true', start=host)
+        graph, 'lockstep', *words, '-p', 'simulator.publish_clock:=true', start=host)
     clock = graph.listen(Clock, '/clock')
     odometry = graph.listen(Odometry, 'local_position/odometry')
     reset = graph.node.create_client(Trigger, 'simulator/reset')

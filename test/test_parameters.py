@@ -11,6 +11,7 @@ import yaml
 from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
 from ca_ros.control.controller import Controller
 from ca_ros.control.controller_settings import ControllerSettings
+from ca_ros.old_names import REMOVED
 from ca_ros.parameter_files import (
     DECLARED,
     AllocatorSettings,
@@ -353,23 +354,25 @@ def test_settings_have_the_types_of_their_declaration():
     assert settings.simulator.publish_clock is False
 
 
-OLD = {
-    'allocation.exact.reversal': 'allow', 'allocation.exact.slack': 1e-6,
-    'simulator.publish_clock': 'enabled', 'allocation.betaflight_mixer.airmode': 'disabled'}
+OLD = {'bridge.px4_input': 'state', 'bridge.px4_thrust_factor': 0.3}
 
 
 def test_old_names_are_read_with_one_warning(tmp_path):
-    path = write(tmp_path / 'old.yaml', {
-        'allocation.exact.thrust_deviation': MISSING, 'allocation.exact.residual_slack': MISSING,
-        **OLD})
+    path = write(tmp_path / 'old.yaml', OLD)
     with pytest.warns(FutureWarning, match='old settings: .* is now ') as warned:
         settings = load(path)
     assert len(warned) == 1
-    assert settings.allocation.exact.thrust_deviation == 'allow'
-    assert settings.allocation.exact.residual_slack == 1e-6
-    assert settings.simulator.publish_clock is True
-    assert settings.allocation.of('betaflight_mixer').airmode is False
+    assert settings.px4.interface == 'offboard'
+    assert settings.px4.thrust_factor == 0.3
     assert renamed(flat(settings)) == flat(settings)
+
+
+@pytest.mark.parametrize('name', REMOVED)
+def test_a_name_that_is_no_more_is_refused_with_what_to_do(tmp_path, name):
+    assert name not in PARAMETERS
+    with pytest.raises(ParameterError, match=f'{name}: no such parameter any more: ') as error:
+        load(write(tmp_path / 'old.yaml', {name: 1.0}))
+    assert '\n' not in str(error.value)
 
 
 @pytest.mark.parametrize('method', ALLOCATORS)

@@ -15,7 +15,7 @@ from ca_ros.simulation.closed_loop import fly
 from ca_ros.simulation.drag import Drag, Wind
 from ca_ros.simulation.plant import Plant, body_of
 from ca_ros.simulation.plant_settings import PlantSettings
-from ca_ros.simulation.rigid_body import RigidBody
+from ca_ros.simulation.rigid_body import RigidBody, euler, rk4
 from ca_ros.studies.cases import Case
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.motor_lag import lagged
@@ -26,10 +26,10 @@ HOVER = np.full(6, np.sqrt(9.81 / (6 * 2.5e-5)))
 STOPPED = np.zeros(6)
 
 
-def plant(state=None, vehicle=HEXAROTOR, **given):
+def plant(state=None, vehicle=HEXAROTOR, integrate=euler, **given):
     given = {f'simulator.{name}': value for name, value in given.items()}
     settings = read(PlantSettings, given, 'simulator.')
-    return Plant(body_of(vehicle, settings), settings, state)
+    return Plant(body_of(vehicle, settings), settings, state, integrate)
 
 
 def run(flown, command, steps):
@@ -80,7 +80,7 @@ def test_a_late_command_is_the_same_flight_later():
 
 def test_a_late_state_is_the_true_one_of_that_time():
     # 13 ms on a grid of 1 ms: between two states of the grid of 10 ms.
-    flown = plant(sub_steps=10.0, state_delay=0.013, integrator='rk4')
+    flown = plant(sub_steps=10.0, state_delay=0.013, integrate=rk4)
     run(flown, STOPPED, 50)
     assert flown.measured[2] == pytest.approx(-0.5 * 9.81 * (0.5 - 0.013) ** 2, rel=1e-12)
     assert flown.state[2] == pytest.approx(-0.5 * 9.81 * 0.5**2, rel=1e-12)
@@ -98,8 +98,8 @@ def test_a_delay_that_is_no_multiple_of_the_step_is_refused(name):
 # Integration
 
 
-@pytest.mark.parametrize(('integrator', 'order'), [('euler', 1), ('rk4', 4)])
-def test_the_order_of_the_integrators_on_a_spinning_body(integrator, order):
+@pytest.mark.parametrize(('integrate', 'order'), [(euler, 1), (rk4, 4)])
+def test_the_order_of_the_integrators_on_a_spinning_body(integrate, order):
     # Torque-free, with three different moments; Euler's equations solved independently.
     vehicle = replace(HEXAROTOR, inertia=np.diag([0.01, 0.02, 0.025]))
     start = falling(omega=[3.0, 4.0, -2.0])
@@ -116,7 +116,7 @@ def test_the_order_of_the_integrators_on_a_spinning_body(integrator, order):
         method='DOP853', rtol=1e-13, atol=1e-13).y[:, -1]
     errors = []
     for sub_steps in (1.0, 2.0, 4.0):
-        after = run(plant(start, vehicle, integrator=integrator, sub_steps=sub_steps), STOPPED, 40)
+        after = run(plant(start, vehicle, integrate=integrate, sub_steps=sub_steps), STOPPED, 40)
         errors.append(np.linalg.norm(after[-1][[10, 11, 12, 6, 7, 8, 9]] - exact))
     for coarse, fine in pairwise(errors):
         assert 0.8 * 2**order < coarse / fine < 1.25 * 2**order
@@ -128,7 +128,7 @@ def test_the_order_of_the_integrators_on_a_spinning_body(integrator, order):
 
 def test_the_terminal_velocity_is_weight_over_drag():
     # m g / c = 9.81 / 2 m/s, along the body's z axis; v(t) = v_end (1 - exp(-c t / m)).
-    flown = plant(linear_drag=[0.5, 0.5, 2.0], integrator='rk4')
+    flown = plant(linear_drag=[0.5, 0.5, 2.0], integrate=rk4)
     states = run(flown, STOPPED, 1000)
     assert states[100, 5] == pytest.approx(-9.81 / 2.0 * (1.0 - exp(-2.0)), rel=1e-7)
     np.testing.assert_allclose(states[-1][VELOCITY], [0.0, 0.0, -9.81 / 2.0], rtol=1e-8)
@@ -136,7 +136,7 @@ def test_the_terminal_velocity_is_weight_over_drag():
 
 def test_a_vehicle_drifts_to_the_wind():
     # v(t) = wind (1 - exp(-c t / m)), while the rotors carry the weight.
-    flown = plant(linear_drag=0.5, wind=[3.0, -2.0, 0.0], integrator='rk4')
+    flown = plant(linear_drag=0.5, wind=[3.0, -2.0, 0.0], integrate=rk4)
     velocity = run(flown, HOVER, 200)[-1][VELOCITY]
     np.testing.assert_allclose(velocity, (1.0 - exp(-1.0)) * np.array([3.0, -2.0, 0.0]), atol=1e-6)
 
@@ -190,7 +190,7 @@ def test_wind_without_drag_is_refused():
 
 
 def test_the_ground_holds_the_vehicle_until_it_lifts_off():
-    flown = plant(ground='flat', motor_time_constant=0.1, integrator='rk4')
+    flown = plant(ground='flat', motor_time_constant=0.1, integrate=rk4)
     np.testing.assert_array_equal(run(flown, STOPPED, 50)[-1], NULL_STATE)
     # The lagging rotors carry the weight from (1 - exp(-t / T)) 1.2 = 1 on, t = 0.179 s.
     states = run(flown, 1.2 * HOVER, 100)
@@ -198,10 +198,10 @@ def test_the_ground_holds_the_vehicle_until_it_lifts_off():
     assert np.all(states[19:, 2] > 0.0)
 
 
-@pytest.mark.parametrize('integrator', ['euler', 'rk4'])
-def test_a_fall_ends_on_the_ground(integrator):
+@pytest.mark.parametrize('integrate', [euler, rk4])
+def test_a_fall_ends_on_the_ground(integrate):
     start = falling(position=[0.0, 0.0, 2.0], velocity=[1.0, 0.0, 0.0], omega=[0.0, 1.0, 0.0])
-    states = run(plant(start, ground='flat', integrator=integrator), STOPPED, 100)
+    states = run(plant(start, ground='flat', integrate=integrate), STOPPED, 100)
     assert states[:, 2].min() == 0.0
     # sqrt(2 h / g) = 0.639 s.
     assert np.argmax(states[:, 2] == 0.0) in (64, 65)

@@ -106,8 +106,7 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
         'bringup', '--duration', '1e6', '--fail', '1@1e5', '--view', *foreign,
         '--namespace', namespace, '--out', str(tmp_path), '--ros-args',
         '-p', 'simulator.publish_clock:=true', '-p', 'simulator.real_time_factor:=0.1',
-        '-p', 'simulator.publish_odometry:=true', '-p', 'publish_throttle:=true',
-        '-p', 'publish_pwm:=true', '-p', 'rotors.speed_max_per_volt:=30.0',
+        '-p', 'rotors.thrust_curve.pwm:=[1000.0, 2000.0]', '-p', 'rotors.speed_max_per_volt:=30.0',
         '-p', 'rotors.tilt_axes:=[1.0, 0.0, 0.0]', '-p', 'rotors.tilt_max:=0.3')
     graph.start(
         'monitor', '--vehicle', 'hexarotor_tilting', '--ros-args', '-r', f'__ns:={namespace}',

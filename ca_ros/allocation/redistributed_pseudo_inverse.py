@@ -12,15 +12,12 @@ from ca_ros.allocation.weighted_pseudo_inverse import (
 )
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import EXACT_TOLERANCE
-from ca_ros.settings import repeated, setting
+from ca_ros.settings import repeated
 
 
 @dataclass(frozen=True, kw_only=True)
 class RedistributedPseudoInverseSettings(WeightedPseudoInverseSettings):
     """The settings of `RedistributedPseudoInverse`."""
-
-    iterations: int = setting(
-        100, 'greatest number of pseudo-inverses for one wrench', minimum=1, mutable=True)
 
 
 class RedistributedPseudoInverse(Allocator):
@@ -29,16 +26,13 @@ class RedistributedPseudoInverse(Allocator):
     Thrusts beyond a bound are set to the bound and stay there.  The pseudo-inverse of the columns
     of the other rotors distributes what is left of the wrench, until no thrust is beyond its
     bounds or no rotor is left [1]_ [2]_.  A thrust that was set to a bound is never released, so
-    attainable wrenches may be missed.  With one iteration the method is the clipped
-    pseudo-inverse.
+    attainable wrenches may be missed.
 
     Parameters
     ----------
     problem : Vehicle or AllocationProblem
     weights : float or (n,) array, default 1
         Weight of each rotor in the norm of the thrusts, positive, at most 1e4 times each other.
-    iterations : int, default 100
-        Greatest number of pseudo-inverses for one wrench.
 
     References
     ----------
@@ -59,7 +53,6 @@ class RedistributedPseudoInverse(Allocator):
 
     def _set_up(self) -> None:
         self.weights = repeated('weights', self.settings.weights, self.problem.n)
-        self.iterations = self.settings.iterations
         # Rotors that cannot change their thrust are saturated from the start.
         self._movable = self.problem.half_range > 0.0
         self._rounding = EXACT_TOLERANCE * np.maximum(1.0, np.abs(self.problem.upper))
@@ -73,7 +66,7 @@ class RedistributedPseudoInverse(Allocator):
         free, inverse = self._movable.copy(), self._inverse
         thrusts = problem.middle.copy()
         violation = 0.0
-        for _ in range(self.iterations):
+        for _ in range(self.problem.n):
             wanted = inverse @ (u - gamma[:, ~free] @ thrusts[~free])
             thrusts[free] = wanted
             thrusts = problem.clip(thrusts)

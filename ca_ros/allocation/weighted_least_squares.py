@@ -27,6 +27,7 @@ from ca_ros.vehicle.settings import AXES
 WV = ('thrust 100', 'roll 1000', 'pitch 1000', 'yaw 1')  # the default of Wv, that of Paparazzi
 RATIO_MAX = 1e10  # greatest ratio of the weights of the wrench to those of the thrusts
 FREE = 1e-3  # least weight of an axis of rotors that tilt, for the digits of what it may miss
+STEPS_MAX = 100  # least-squares problems for one wrench, at most
 ROUNDING = 1e-10  # size of multipliers that count as zero, relative to their terms
 
 
@@ -46,8 +47,6 @@ class WeightedLeastSquaresSettings(Settings):
         'zero',
         'preferred thrusts. zero: none; minimum: the lower bounds; middle: the middles of the '
         'bounds; or numbers [N]', mutable=True)
-    iterations: int = setting(
-        100, 'greatest number of least-squares problems for one wrench', minimum=1, mutable=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -77,8 +76,6 @@ class WeightedLeastSquares(Allocator):
         Weights of the axes; an axis that is not named has the weight 1.
     preferred : {'zero', 'minimum', 'middle'} or (n,) array, default 'zero'
         f_p: zero, the lower bounds, the middles of the bounds, or the thrusts [N].
-    iterations : int, default 100
-        Greatest number of least-squares problems for one wrench.
 
     References
     ----------
@@ -105,7 +102,6 @@ class WeightedLeastSquares(Allocator):
         self.wu = problem.spread('wu', self.settings.wu)
         self.wv = _weights(self.settings.wv, problem.axes)
         self.preferred = _preferred(self.settings.preferred, problem)
-        self.iterations = self.settings.iterations
         self._scale = np.sqrt(self.settings.gamma) * self.wv
         if self._scale.max() > RATIO_MAX * self.wu.min():
             raise ParameterError(
@@ -142,7 +138,7 @@ class WeightedLeastSquares(Allocator):
         # +1 at an active upper bound, -1 at a lower one; fixed rotors stay out of the problem.
         active = np.zeros(problem.n)
         free = high > low
-        for _ in range(self.iterations):
+        for _ in range(STEPS_MAX):
             basis, triangle = np.linalg.qr(matrix[:, free])
             image = basis.T @ residual
             step = np.zeros(problem.n)

@@ -29,6 +29,7 @@ from ca_ros.nodes.stream import TICK, Streams
 from ca_ros.nodes.watchdog import CommandWatch
 from ca_ros.parameter_files import AllocatorSettings, FileSettings, NodeSettings
 from ca_ros.settings import ParameterError, Settings, names_class
+from ca_ros.vehicle.settings import ThrustCurveSettings
 from ca_ros.vehicle.validation import ABSURD
 
 ACKNOWLEDGED_MAX = 2.0  # longest wait for the motors to acknowledge the last command [s]
@@ -99,7 +100,7 @@ class AllocatorNode(Node):
         return str(settings.vehicle.name)
 
     def _offer(self) -> None:
-        made, publish, settings = self._made, self.streams.publish, self.parameters.settings
+        made, publish = self._made, self.streams.publish
         self._message = speeds_message(self._last[: made.n], None, made.label)
         self._speeds = publish(self.topic)
         angles = self._last[made.n :]
@@ -108,12 +109,14 @@ class AllocatorNode(Node):
             for topic in topics.needed(topics.COMMAND_PARTS, len(angles))[1:]
         ]
         self._others: list[tuple[Publisher, Float64MultiArray, str]] = []
-        for option, topic, label, convert in (
-            ('publish_throttle', topics.THROTTLE, 'throttle', 'throttles'),
-            ('publish_pwm', topics.PWM, 'pulse width [us]', 'pulses'),
+        # Effectors without a vehicle have no rotors.
+        rotors = getattr(self.parameters.settings, 'rotors', None)
+        curve = rotors.thrust_curve if rotors else ThrustCurveSettings()
+        for given, topic, label, convert in (
+            (curve != ThrustCurveSettings(), topics.THROTTLE, 'throttle', 'throttles'),
+            (curve.pwm != 0.0, topics.PWM, 'pulse width [us]', 'pulses'),
         ):
-            # Effectors without a vehicle have neither.
-            if getattr(settings, option, False):
+            if given:
                 message = speeds_message(self._last[: made.n], None, label)
                 self._others.append((publish(topic), message, convert))
         reports = topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION
@@ -300,9 +303,6 @@ class AllocatorNode(Node):
             return 'age', f'wrench that is {off} (parameter command_age_max)'
         if time < self._newest:
             self._counts['out of order'] += 1
-            # After a timeout, a restarted sender may have an earlier clock.
-            if settings.command_order == 'newer' and not self.watchdog.over:
-                return 'order', 'wrench older than its predecessor (parameter command_order)'
         return None
 
     def _fall_back(self, action: str) -> None:
@@ -319,8 +319,9 @@ class AllocatorNode(Node):
             publisher.publish(fill_speeds(message, angles, time))
         self._speeds.publish(fill_speeds(self._message, speeds, time))
         for publisher, message, convert in self._others:
-            given = getattr(self._made.vehicle, convert)(speeds)
-            publisher.publish(fill_speeds(message, given, time))
+            if publisher.get_subscription_count():
+                given = getattr(self._made.vehicle, convert)(speeds)
+                publisher.publish(fill_speeds(message, given, time))
 
     def _report(self, command: WrenchCommand, answer: Allocation) -> None:
         """Publish the allocated wrench, residual and saturation that have subscribers.

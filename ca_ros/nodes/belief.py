@@ -1,6 +1,7 @@
 """What a node believes of the vehicle: its parameters, and what others report."""
 
 from collections.abc import Callable, Mapping
+from math import inf
 from time import monotonic
 from typing import Any
 
@@ -17,6 +18,9 @@ from ca_ros.nodes.stream import Streams
 from ca_ros.nodes.topics import STANDING
 from ca_ros.problem.audit import Audit
 from ca_ros.settings import ParameterError, repeated
+
+BATTERY_TIMEOUT = 5.0
+"""Time without a sound voltage, after there was one, from which a warning begins [s]."""
 
 Make = Callable[[Any, Audit, Any], Any]
 
@@ -42,7 +46,7 @@ class Belief:
         self._current = Reconfiguration[Any](parameters.settings, make)
         parameters.on_change(self._current.prepare, self._adopt)
         self._health_time = -1
-        self._voltage_time: float | None = None
+        self._voltage_time = inf
         self._logged_audit: Audit | None = None
         self._logged_health = np.ones(self.audit.vehicle.n)
         self._logged_fault = ''
@@ -74,7 +78,6 @@ class Belief:
             text = f'{error}: the voltage on battery is not read'
             self._node.get_logger().warning(text)
             return
-        self._voltage_time = monotonic()
         streams.listen(BatteryState, topics.BATTERY, self._receive_battery)
 
     def waits(self, time: int) -> bool:
@@ -110,11 +113,9 @@ class Belief:
     def levels(self) -> list[Level]:
         """Return what is wrong with the vehicle and with those who report of it."""
         found, voltage = list[Level](), self._current.voltage
-        if self._voltage_time is not None:
-            age = monotonic() - self._voltage_time
-            if 0.0 < (limit := self._parameters.settings.battery_timeout) < age:
-                held = 'the declared one' if voltage is None else f'{voltage:.4g} V'
-                found.append((WARN, f'no sound voltage for {limit:g} s: {held} holds'))
+        if voltage is not None and monotonic() - self._voltage_time > BATTERY_TIMEOUT:
+            text = f'no sound voltage for {BATTERY_TIMEOUT:g} s: {voltage:.4g} V holds'
+            found.append((WARN, text))
         topic = topics.ROTOR_HEALTH.name
         if self._reported is not None and not self._node.count_publishers(topic):
             found.append((WARN, 'the publisher of rotor_health has ended: its last one holds'))

@@ -71,9 +71,8 @@ class SimulatorNode(Node):
         self._period_ns = round(self._step_ns / settings.simulator.real_time_factor)
         publish = self.streams.publish
         self._pose, self._velocity = map(publish, (topics.POSE, topics.VELOCITY))
-        odometry = settings.simulator.publish_odometry
         clock = settings.simulator.publish_clock
-        self._odometry = publish(topics.ODOMETRY) if odometry else None
+        self._odometry = publish(topics.ODOMETRY)
         self._ticks = publish(topics.CLOCK) if clock else None
         self._speeds = publish(topics.SPEEDS)
         self._measured = publish(topics.MEASURED_SPEEDS)
@@ -232,7 +231,7 @@ class SimulatorNode(Node):
             self._ticks.publish(Clock(clock=time))
         self._pose.publish(pose)
         self._velocity.publish(velocity)
-        if self._odometry is not None:
+        if self._odometry.get_subscription_count():
             odometry = Odometry(header=pose.header, child_frame_id=velocity.header.frame_id)
             odometry.pose.pose, odometry.twist.twist = pose.pose, velocity.twist
             self._odometry.publish(odometry)

@@ -28,7 +28,7 @@ class Topic:
 
     The name is absolute, or relative to the namespace or to the publisher (``~/``).  A `stream`
     has one message for each step of the loop, with the stamp of the step.  An `optional` topic has
-    a publisher only if a parameter asks for it, or if rotors tilt.
+    a publisher only if a parameter asks for it or has a value for it, or if rotors tilt.
     """
 
     name: str

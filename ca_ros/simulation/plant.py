@@ -11,7 +11,7 @@ from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError, repeated
 from ca_ros.simulation.drag import Drag, Wind
 from ca_ros.simulation.plant_settings import PlantSettings
-from ca_ros.simulation.rigid_body import INTEGRATORS, RigidBody
+from ca_ros.simulation.rigid_body import Integrator, RigidBody, euler
 from ca_ros.simulation.sensors import Sensors, delay_line
 from ca_ros.vehicle.motor_lag import ServoLag, lagged
 from ca_ros.vehicle.settings import triple
@@ -19,6 +19,8 @@ from ca_ros.vehicle.state import ANGULAR_VELOCITY, POSITION, VELOCITY
 from ca_ros.vehicle.vehicle import Vehicle
 
 MEASURED = ('position', 'velocity', 'attitude', 'angular_velocity')  # as in a state
+
+GUST_TIME = 1.0  # correlation time of the gusts [s]
 
 
 def body_of(vehicle: Vehicle, settings: PlantSettings) -> RigidBody:
@@ -48,7 +50,8 @@ class Plant:
     are named.
 
     `settings`: all effects are off by default.  `state` (13,): initial state, see
-    `ca_ros.simulation.rigid_body`; by default that of the settings.
+    `ca_ros.simulation.rigid_body`; by default that of the settings.  `integrate`: what takes a
+    sub-step.
 
     - `body`: may be replaced between two steps, for instance by one with other rotor health
     - `time_step` and `time_step_ns`: [s] and [ns]
@@ -59,7 +62,8 @@ class Plant:
     """
 
     def __init__(
-        self, body: RigidBody, settings: PlantSettings | None = None, state: Array | None = None
+        self, body: RigidBody, settings: PlantSettings | None = None, state: Array | None = None,
+        integrate: Integrator = euler,
     ) -> None:
         settings = PlantSettings() if settings is None else settings
         self.body, self._settings = body, settings
@@ -67,14 +71,14 @@ class Plant:
         self.time_step = self.time_step_ns / 1e9
         self._sub_steps = settings.sub_steps
         self._sub_step = self.time_step / self._sub_steps
-        self._integrate = INTEGRATORS[settings.integrator]
+        self._integrate = integrate
         self.state = initial_state(settings) if state is None else state
         self._grounded = settings.ground == 'flat'
         if self._grounded and self.state[POSITION][2] < 0.0:
             at = f'z = {self.state[2]:g} m'
             raise ParameterError(f'simulator.ground: the vehicle starts below it, at {at}')
         gusts, noise = np.random.default_rng(settings.seed).spawn(2)
-        wind = triple(settings.wind), triple(settings.gust_intensity), settings.gust_time
+        wind = triple(settings.wind), triple(settings.gust_intensity), GUST_TIME
         self._wind = Wind(*wind, gusts)
         windy = self._wind.mean.any() or self._wind.intensity.any()
         if windy and not (body.drag and body.drag.takes_wind):

@@ -24,9 +24,7 @@ class PlantSettings(Settings):
         0.01, 'time between two states, in which the rotors get one command', unit='s',
         minimum=1e-5, maximum=1.0)
     sub_steps: int = setting(
-        1, 'steps of the integration in one time step', minimum=1, maximum=1000)
-    integrator: Literal['euler', 'rk4'] = setting(
-        'euler', 'euler: explicit Euler, of order 1; rk4: classical Runge-Kutta, of order 4')
+        1, 'steps of explicit Euler integration in one time step', minimum=1, maximum=1000)
     seed: int = setting(0, 'seed of gusts and noise', minimum=0)
     initial_position: Numbers = setting(0.0, f'initial {_POSITION}', unit='m', sizes=XYZ)
     initial_velocity: Numbers = setting(0.0, f'initial {_VELOCITY}', unit='m/s', sizes=XYZ)
@@ -68,7 +66,6 @@ class PlantSettings(Settings):
     gust_intensity: Numbers = setting(
         0.0, 'standard deviation of the gusts, x, y, z in the world frame', unit='m/s',
         minimum=0.0, sizes=XYZ)
-    gust_time: float = setting(1.0, 'correlation time of the gusts', unit='s', positive=True)
     ground: Literal['none', 'flat'] = setting(
         'none', 'flat: a plane at z = 0 on which the centre of mass stops; none: no ground')
     mass_factor: float = setting(1.0, 'simulated mass divided by vehicle.mass', positive=True)

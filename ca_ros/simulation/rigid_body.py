@@ -19,6 +19,7 @@ from ca_ros.vehicle.state import (
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 Derivative = Callable[[Array], Array]
+Integrator = Callable[[Derivative, Array, float], Array]
 
 
 def euler(derivative: Derivative, state: Array, step: float) -> Array:
@@ -33,9 +34,6 @@ def rk4(derivative: Derivative, state: Array, step: float) -> Array:
     k3 = derivative(state + 0.5 * step * k2)
     k4 = derivative(state + step * k3)
     return state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-
-
-INTEGRATORS = {'euler': euler, 'rk4': rk4}  # by the value of `simulator.integrator`
 
 
 CALM: Array = np.zeros(3)
@@ -85,7 +83,7 @@ class RigidBody:
 
     def step(
         self, state: Array, speeds: Array, time_step: float, wind: Array = CALM,
-        integrate: Callable[[Derivative, Array, float], Array] = euler,
+        integrate: Integrator = euler,
     ) -> Array:
         """Return the state (13,) after one step, with a unit quaternion.
 

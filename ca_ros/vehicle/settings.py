@@ -79,8 +79,8 @@ class ThrustCurveSettings(Settings):
         0.0, 'throttle without measurement: the x of f / f_max = expo x^2 + (1 - expo) x, as '
         'THR_MDL_FAC of PX4', minimum=0.0, maximum=1.0)
     pwm: Numbers = setting(
-        [1000.0, 2000.0], 'pulse widths of no throttle and of full throttle', unit='us',
-        sizes=[2], minimum=0.0)
+        0.0, 'pulse widths of no throttle and of full throttle, for command/pwm; 0: none are '
+        'published', unit='us', sizes=[1, 2], minimum=0.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -91,7 +91,7 @@ class ThrustCurveSettings(Settings):
         if (self.thrusts != 0.0 or self.throttles != 0.0) and self.speeds == 0.0:
             what = 'they are the speeds of thrusts and throttles [rad/s]'
             raise MissingParameterError(f'speeds: missing; {what}')
-        if len({*np.ravel(self.pwm)}) < 2:
+        if self.pwm != 0.0 and len({*np.ravel(self.pwm)}) < 2:
             raise ParameterError(f'pwm: expected two different pulse widths, got {self.pwm}')
 
 

@@ -106,8 +106,10 @@ class ThrustCurve:
                 made = cls.polynomial(settings.polynomial, float(low.min()), end)
             else:
                 made = cls.table(settings.speeds, settings.thrusts)
-        first, last = np.asarray(settings.pwm, dtype=float).tolist()
-        made = replace(made, coefficient=k_f, expo=settings.expo, pwm=(first, last))
+        made = replace(made, coefficient=k_f, expo=settings.expo)
+        if settings.pwm != 0.0:
+            first, last = np.asarray(settings.pwm, dtype=float).tolist()
+            made = replace(made, pwm=(first, last))
         if settings.speeds != 0.0 and (end := np.max(settings.speeds)) < top * (1.0 - 1e-9):
             raise ParameterError(f'speeds: they end at {end:g} rad/s, before speed_max, {top:g}')
         apart = float(made.thrust(top)) / (k_f * top**2)

@@ -31,8 +31,7 @@ from ca_ros.simulation.rigid_body import velocity_in_body
 from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, POSITION
 
 UNUSED = {
-    'command_timeout', 'timeout_action', 'simulator.integrator', 'simulator.real_time_factor',
-    'simulator.publish_clock', 'simulator.publish_odometry',
+    'command_timeout', 'timeout_action', 'simulator.real_time_factor', 'simulator.publish_clock',
 }
 DECLARED = {name: each for name, each in table(SimulatorSettings).items() if name not in UNUSED}
 CHANGEABLE = 'rotors.health', 'simulator.hold_at'
