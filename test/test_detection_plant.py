@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.detection import tables
-from benchmarks.detection.conditions import CALM, FLOWN, NOTHING, Condition
+from benchmarks.detection.conditions import CALM, CONTACTS, FLOWN, NOTHING, Condition
 from benchmarks.detection.flights import Count, Outcome, Setup, landed, namings
 from benchmarks.detection.plant import (
     DESCENDING,
@@ -227,6 +227,22 @@ def test_an_octorotor_flies_on_if_a_loss_is_announced_and_a_quadrotor_does_not()
         _, (found,) = fly_on((name, 'usual', 'announced', range(1), False))
         assert found.flies is flies
         assert (found.drop > 20.0) is not flies
+
+
+def test_the_contacts_of_mujoco_carry_the_vehicle_and_give_as_many_landings():
+    pytest.importorskip('mujoco')
+    from benchmarks.detection.mujoco_body import MujocoPlant
+
+    condition = CONTACTS['landings in MuJoCo']
+    truth, mission = condition.draw(MODEL, np.random.default_rng(1), 20.0)
+    rows = [kind(MODEL, truth, mission, 1).fly(20.0) for kind in (Plant, MujocoPlant)]
+    assert [len(list(landed(each))) for each in rows] == [1, 1]
+    own, foreign = (each[100:180] for each in rows)  # on the ground, before the first take-off
+    for each in (own, foreign):
+        assert (each['feet'] == 4).all()
+        np.testing.assert_allclose(each['position'][:, 2], HEIGHT, atol=0.01)
+    np.testing.assert_allclose(
+        foreign['specific_force'].mean(axis=0), own['specific_force'].mean(axis=0), atol=0.3)
 
 
 def test_tables_know_arms_and_intervals():

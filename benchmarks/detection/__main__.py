@@ -15,7 +15,7 @@ from time import perf_counter
 from typing import Any
 
 from benchmarks.detection import tables
-from benchmarks.detection.conditions import CAUSES, FLOWN, LOSSES
+from benchmarks.detection.conditions import CAUSES, CONTACTS, FLOWN, LOSSES
 from benchmarks.detection.flights import (
     DURATION,
     POOLED,
@@ -40,13 +40,14 @@ def _jobs(options: argparse.Namespace) -> list[tuple[Callable[[Any], Any], tuple
     """Return what is to be flown: a function, and its argument."""
     first = TUNING if options.publish else options.first
     flights = round(options.hours * 3600.0 / DURATION)
+    contacts = round(options.mujoco * 3600.0 / DURATION)
     losses, reallocated = (-(-each // len(POOLED)) for each in (options.losses, options.flights))
-    if not options.publish and first + max(flights, losses, reallocated) > TUNING:
+    if not options.publish and first + max(flights, contacts, losses, reallocated) > TUNING:
         raise CaRosError(f'seeds from {TUNING} on are for --publish: fly less, or lower --first')
     flown = CAUSES if options.causes else options.conditions
     parts = [
-        (fly, flown, [''], flights), (fly, POOLED, options.kinds, losses),
-        (fly_on, POOLED, WAYS, reallocated),
+        (fly, flown, [''], flights), (fly, CONTACTS, [''], contacts),
+        (fly, POOLED, options.kinds, losses), (fly_on, POOLED, WAYS, reallocated),
     ]
     return [
         (function, (vehicle, name, kind, seeds, options.imu))
@@ -102,6 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--hours', type=float, default=0.2, help='of each vehicle in each condition [h]')
     add('--losses', type=int, default=30, help='of each vehicle and kind')
     add('--flights', type=int, default=0, help='of each vehicle in which the allocator is told')
+    add('--mujoco', type=float, default=0.0, help='of each vehicle, landings in MuJoCo [h]')
     add('--vehicles', nargs='+', default=VEHICLES, choices=VEHICLES)
     add('--conditions', nargs='*', default=[*FLOWN], choices=FLOWN, metavar='NAME',
         help=f'of the hours: {", ".join(FLOWN)}')

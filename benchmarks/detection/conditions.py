@@ -1,7 +1,7 @@
 """The conditions of flights: what is drawn for each flight, and what is flown."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -138,6 +138,11 @@ CAUSES = {
     'landings, wind 5 m/s': Condition(HOPS, **{**NOTHING, 'wind': (5.0, 5.0), 'air': 1.0}),
 }
 """Conditions of which one thing alone differs from the ideal."""
+
+CONTACTS = {
+    'landings in MuJoCo': replace(FLOWN['landings'], payload=(0.0, 0.0)),
+}
+"""Landings on the contacts of MuJoCo."""
 
 LOSSES = {
     'total': {'failure': FAILURES['loss'], 'left': 0.0},

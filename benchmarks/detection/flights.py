@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.detection.conditions import CAUSES, DELAY, FLOWN, LAG, LOSSES, Condition
+from benchmarks.detection.conditions import CAUSES, CONTACTS, DELAY, FLOWN, LAG, LOSSES, Condition
 from benchmarks.detection.plant import (
     CLIMBING,
     DESCENDING,
@@ -35,11 +35,6 @@ STATED = 'time', 'attitude', 'velocity', 'rates', 'specific_force', 'command'
 
 Alarm = tuple[int, tuple[int, ...]]
 """A row, and the rotors that are named there."""
-
-
-def told() -> DetectorSettings:
-    """Return the settings of all flights: what the detector is told of the vehicle."""
-    return DetectorSettings(motor_time_constant=LAG, delay=DELAY)
 
 
 def namings(detector: Any, rows: Rows, n: int, force: bool = False) -> Iterator[Alarm]:
@@ -127,13 +122,20 @@ def landed(rows: Rows) -> Iterator[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Setup:
-    """A vehicle, what the controller believes of it, and what makes its detector."""
+    """A vehicle, what the controller believes of it, and its detector.
+
+    - `make`: makes the detector
+    - `force`: whether it gets the specific force
+    - `lag`, `delay` [s]: what it is told of the motors
+    """
 
     name: str
     vehicle: Vehicle
     model: Any
     make: Callable[..., Any] = make_detector
     force: bool = False
+    lag: float = LAG
+    delay: float = DELAY
 
     @classmethod
     def load(cls, name: str, **options: Any) -> 'Setup':
@@ -142,8 +144,9 @@ class Setup:
         return cls(name, vehicle, believed(vehicle), **options)
 
     def detector(self) -> Any:
-        """Return a detector with the settings that are told."""
-        return self.make(self.vehicle, told())
+        """Return a detector that is told lag and delay, and has its defaults otherwise."""
+        settings = DetectorSettings(motor_time_constant=self.lag, delay=self.delay)
+        return self.make(self.vehicle, settings)
 
     def partner(self, rotor: int) -> int | None:
         """Return the other rotor of a coaxial arm."""
@@ -155,10 +158,14 @@ class Setup:
 def healthy(setup: Setup, name: str, condition: Condition, seeds: range) -> Count:
     """Fly without a failure, a flight of each seed; return what was counted."""
     count = Count()
+    kind: type[Plant] = Plant
+    if name in CONTACTS:
+        from benchmarks.detection.mujoco_body import MujocoPlant
+        kind = MujocoPlant
     for seed in seeds:
         rng = rng_of(seed, setup.name, name)
         truth, mission = condition.draw(setup.model, rng, DURATION)
-        rows = Plant(setup.model, truth, mission, int(rng.integers(2**63))).fly(DURATION)
+        rows = kind(setup.model, truth, mission, int(rng.integers(2**63))).fly(DURATION)
         count.overturned += len(rows) < round(DURATION / PERIOD)
         found = namings(setup.detector(), rows, setup.vehicle.n, setup.force)
         count.add(rows, list(found))
@@ -213,17 +220,24 @@ def failing(
         duration = LOST[1] + NAMED + 3.0
         truth, mission = condition.draw(setup.model, rng, duration, failure)
         rows = Plant(setup.model, truth, mission, int(rng.integers(2**63))).fly(duration)
-        failed = np.flatnonzero(rows['failed'])
-        if not len(failed):
-            continue
-        begin = int(failed[0])
-        rows = rows[:begin + round(NAMED / PERIOD) + 1]
-        found = list(namings(setup.detector(), rows, setup.vehicle.n, setup.force))
-        early = sum(i < begin for i, _ in found)
-        after = next(((i, names) for i, names in found if i >= begin), None)
-        parts = (after[1], (after[0] - begin) * PERIOD) if after else ()
-        outcomes.append(Outcome(rotor, setup.partner(rotor), early, *parts))
+        outcome = outcome_of(setup, rows, rotor)
+        if outcome is not None:
+            outcomes.append(outcome)
     return outcomes
+
+
+def outcome_of(setup: Setup, rows: Rows, rotor: int) -> Outcome | None:
+    """Return what the detector names in a flight; None if its rotor did not fail."""
+    failed = np.flatnonzero(rows['failed'])
+    if not len(failed):
+        return None
+    begin = int(failed[0])
+    rows = rows[:begin + round(NAMED / PERIOD) + 1]
+    found = list(namings(setup.detector(), rows, setup.vehicle.n, setup.force))
+    early = sum(i < begin for i, _ in found)
+    after = next(((i, names) for i, names in found if i >= begin), None)
+    parts = (after[1], (after[0] - begin) * PERIOD) if after else ()
+    return Outcome(rotor, setup.partner(rotor), early, *parts)
 
 
 POOLED = 'usual', 'turbulence', 'aggressive'
@@ -238,7 +252,7 @@ def fly(
     The last part of a job tells whether the detector gets the specific force.
     """
     vehicle, name, loss, seeds, force = job
-    setup, condition = Setup.load(vehicle, force=force), {**CAUSES, **FLOWN}[name]
+    setup, condition = Setup.load(vehicle, force=force), {**CAUSES, **FLOWN, **CONTACTS}[name]
     key = vehicle, name, loss
     if loss:
         return key, failing(setup, name, condition, loss, seeds)

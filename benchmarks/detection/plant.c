@@ -359,8 +359,11 @@ static void weigh(struct plant *a) {
             + own * load / a->mass * (square - away[i] * away[i]);
 }
 
-static void move(struct plant *a) {
-    double r[3][3], body[3] = {0}, torque[3] = {0}, force[3] = {0}, before[ROTORS];
+/* Move rotors and air, and add their forces on the body, and those of a push: in the world frame,
+ * with their torque in the body frame.  `r` becomes the attitude.
+ */
+static void forces(struct plant *a, double r[3][3], double force[3], double torque[3]) {
+    double body[3] = {0}, lift[3], before[ROTORS];
     const struct mission *m = &a->mission;
     memcpy(before, a->speed, sizeof before);
     while (a->waiting && a->queue[a->first].due <= a->step) {
@@ -380,7 +383,6 @@ static void move(struct plant *a) {
     rotor_forces(a, r, body, torque);
     for (int i = 0; i < (int)a->vehicle.n; i++)  /* the reaction to a rotor that speeds up */
         torque[2] += a->vehicle.spin[i] * a->truth.rotor_inertia * (a->speed[i] - before[i]) / STEP;
-    if (a->truth.sink > 0.0) feet(a, r, force, torque);
     if (now(a) >= a->push_begin && now(a) < a->push_end) {
         double own[3], moment[3];
         to_body(r, a->push, own);
@@ -390,9 +392,27 @@ static void move(struct plant *a) {
             torque[i] += moment[i];
         }
     }
-    double lift[3], acceleration[3], turning[3], spin[3], middle[3], angle[3];
     to_world(r, body, lift);
-    for (int i = 0; i < 3; i++) acceleration[i] = (force[i] + lift[i]) / a->mass;
+    for (int i = 0; i < 3; i++) force[i] += lift[i];
+}
+
+/* Keep the state after a step, for the sensors. */
+static void keep(struct plant *a) {
+    struct sample *sample = &a->past[a->step % HISTORY];
+    memcpy(sample->p, a->p, sizeof a->p);
+    memcpy(sample->v, a->v, sizeof a->v);
+    memcpy(sample->q, a->q, sizeof a->q);
+    memcpy(sample->w, a->w, sizeof a->w);
+    memcpy(sample->phase, a->phase, sizeof a->phase);
+    a->step++;
+}
+
+static void move(struct plant *a) {
+    double r[3][3], torque[3] = {0}, force[3] = {0};
+    double acceleration[3], turning[3], spin[3], middle[3], angle[3];
+    forces(a, r, force, torque);
+    if (a->truth.sink > 0.0) feet(a, r, force, torque);
+    for (int i = 0; i < 3; i++) acceleration[i] = force[i] / a->mass;
     struct sample *sample = &a->past[a->step % HISTORY];
     to_body(r, acceleration, sample->force);
     acceleration[2] -= a->vehicle.gravity;
@@ -410,12 +430,7 @@ static void move(struct plant *a) {
         a->v[i] += STEP * acceleration[i];
     }
     turn(a->q, angle);
-    memcpy(sample->p, a->p, sizeof a->p);
-    memcpy(sample->v, a->v, sizeof a->v);
-    memcpy(sample->q, a->q, sizeof a->q);
-    memcpy(sample->w, a->w, sizeof a->w);
-    memcpy(sample->phase, a->phase, sizeof a->phase);
-    a->step++;
+    keep(a);
 }
 
 /* ---- sensors ---- */
@@ -700,8 +715,18 @@ void plant_sense(struct plant *a, struct row *row, double wrench[4]) {
     control(a, dt, wrench);
 }
 
-/* Send a command, and move until the next state. */
-void plant_act(struct plant *a, const double command[ROTORS]) {
+/* Measure a state, and compute the command that answers it. */
+void plant_answer(struct plant *a, struct row *row) {
+    double wrench[4];
+    plant_sense(a, row, wrench);
+    if (a->mode == GROUNDED)
+        for (int j = 0; j < (int)a->vehicle.n; j++) row->command[j] = a->vehicle.slowest;
+    else
+        allocate(a, wrench, row->command);
+}
+
+/* Send a command; return the number of steps until the next state. */
+long plant_send(struct plant *a, const double command[ROTORS]) {
     double jitter = a->truth.jitter;
     long due = a->step + steps(fmax(a->truth.delay + uniform(a, -jitter, jitter), 0.0));
     int last = (a->first + a->waiting) % HISTORY;
@@ -709,25 +734,48 @@ void plant_act(struct plant *a, const double command[ROTORS]) {
     memcpy(a->queue[last].command, command, sizeof a->queue[last].command);
     a->waiting++;
     a->next_control += PER_CONTROL;
-    long until = a->next_control + steps(uniform(a, -jitter, jitter) / 2.0);
-    while (a->step < until) move(a);
+    return a->next_control + steps(uniform(a, -jitter, jitter) / 2.0) - a->step;
+}
+
+/* Send a command, and move until the next state. */
+void plant_act(struct plant *a, const double command[ROTORS]) {
+    for (long i = plant_send(a, command); i > 0; i--) move(a);
 }
 
 /* Fly, as long as the vehicle is upright or has failed; return the number of rows. */
 long plant_fly(struct plant *a, struct row *rows, long count) {
-    double wrench[4];
     for (long i = 0; i < count; i++) {
-        plant_sense(a, &rows[i], wrench);
-        if (a->mode == GROUNDED)
-            for (int j = 0; j < (int)a->vehicle.n; j++) rows[i].command[j] = a->vehicle.slowest;
-        else
-            allocate(a, wrench, rows[i].command);
+        plant_answer(a, &rows[i]);
         plant_act(a, rows[i].command);
         double r[3][3];
         matrix(a->q, r);
         if (!a->failed && !(r[2][2] > -0.2)) return i + 1;
     }
     return count;
+}
+
+/* For a body that others move: force (world) and torque (body) of a step, but those of feet. */
+void plant_forces(struct plant *a, double wrench[6]) {
+    double r[3][3];
+    memset(wrench, 0, 6 * sizeof *wrench);
+    forces(a, r, wrench, wrench + 3);
+}
+
+/* Take the state after a step that others moved, with its accelerations (world, body). */
+void plant_place(struct plant *a, const double state[13], const double accelerations[6],
+                 double touching) {
+    double r[3][3], force[3] = {accelerations[0], accelerations[1], accelerations[2]};
+    struct sample *sample = &a->past[a->step % HISTORY];
+    memcpy(a->p, state, sizeof a->p);
+    memcpy(a->v, state + 3, sizeof a->v);
+    memcpy(a->q, state + 6, sizeof a->q);
+    memcpy(a->w, state + 10, sizeof a->w);
+    matrix(a->q, r);
+    force[2] += a->vehicle.gravity;
+    to_body(r, force, sample->force);
+    memcpy(sample->turning, accelerations + 3, sizeof sample->turning);
+    a->touching = (int)touching;
+    keep(a);
 }
 
 /* Move without sensors and controller at constant commands, for tests. */

@@ -23,6 +23,7 @@ ROTORS = 8  # room for rotors, as in `plant.c`
 PERIOD = 0.01  # between two states, but for the jitter [s]
 STEP = 1.25e-3  # of the rigid body [s]
 RADIUS = 0.15  # of a rotor [m]
+FEET_ANGLE = np.pi / 4.0  # of the first of four feet, from the x axis [rad]
 HEIGHT = 0.15  # of the body's origin above its feet [m]
 
 ROW = np.dtype([
@@ -115,7 +116,7 @@ def library() -> ctypes.CDLL:
         subprocess.run([compiler, *OPTIONS, '-o', path, str(SOURCE), '-lm'], check=True)
         loaded = ctypes.CDLL(path)
     loaded.plant_size.restype = ctypes.c_size_t
-    loaded.plant_fly.restype = ctypes.c_long
+    loaded.plant_fly.restype = loaded.plant_send.restype = ctypes.c_long
     return loaded
 
 
