@@ -93,7 +93,7 @@ class Condition:
             'payload': vehicle.mass * uniform(*self.payload) * loaded, 'hook': hook,
             'dropped': duration * uniform(0.2, 0.8),
             **NOISE, 'force_bias': 0.1 * self.imu * direction, 'imu': 0.03 * self.imu * normal(3),
-            'vibration': self.imu * uniform(1.0, 5.0) / 2.0,
+            'vibration': self.imu * uniform(1.0, 5.0),
         }
         mission = {**self.mission, **(failure or {})}
         if 'pushes' in mission:
