@@ -26,7 +26,7 @@ mujoco = ['mujoco>=3.2']
 studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66']
 cluster = ['distributed>=2024.1']
 # The exact allocator in C; without a compiler the package installs all the same, and uses NumPy.
-exact = ('exact', 'least_norm', 'priorities', 'priorities_wide', 'explanation', 'module')
+exact = ('exact', 'least_norm', 'priorities', 'priorities_wide', 'facet', 'explanation', 'module')
 # The detector of rotor failures, and the allocator of rotors that tilt.
 detector = ('detector', 'detector_module')
 commands_max = [('CA_COMMANDS', '1000')]  # as in ca_ros/detection/motor_model.py

@@ -2,6 +2,7 @@
  *
  * The page writes numbers, calls a function, and reads numbers. Rows are axes, columns rotors.
  */
+#include "explanation.h"
 #include "exact.c" /* for span, normal_of, half_width and next_choice */
 
 #define SHARED __attribute__((visibility("default")))

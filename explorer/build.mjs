@@ -9,7 +9,7 @@ const here = import.meta.dirname, root = join(here, '..'), kernel = join(root, '
 const page = process.argv[2] ?? join(root, 'ca_ros', 'explorer.html');
 const folder = mkdtempSync(join(tmpdir(), 'explorer-')), wasm = join(folder, 'kernel.wasm');
 const python = process.env.PYTHON ?? join(root, '.venv', 'bin', 'python');
-const parts = ['least_norm.c', 'priorities.c', 'explanation.c'].map((name) => join(kernel, name));
+const parts = ['least_norm.c', 'priorities.c', 'facet.c', 'explanation.c'].map((name) => join(kernel, name));
 const read = (...names) => readFileSync(join(...names), 'utf8');
 try {
   execFileSync('clang', ['--target=wasm32', '-std=c99', '-O2', '-ffreestanding', '-nostdlib',

@@ -26,7 +26,7 @@ def library(tmp_path_factory):
     if not (shutil.which('gcc') and BINDING.is_file()):
         pytest.skip('needs gcc and the sources of the explorer')
     target = tmp_path_factory.mktemp('explorer') / 'binding.so'
-    parts = (KERNEL / f'{name}.c' for name in ('least_norm', 'priorities', 'explanation'))
+    parts = (KERNEL / f'{name}.c' for name in ('least_norm', 'priorities', 'facet', 'explanation'))
     subprocess.run(['gcc', '-std=c99', '-O1', '-shared', '-fPIC', f'-I{KERNEL}', BINDING,
                     *parts, '-lm', '-o', target], check=True)
     return ctypes.CDLL(target)

@@ -127,8 +127,9 @@ SHARED = {
     'priorities.c': {
         'ZERO': lp.ZERO, 'SLACK': lp.SLACK, 'STILL': lp.RATE_MIN,
         'PIVOTS_PER_VARIABLE': lp.PIVOTS_PER_VARIABLE, 'INSIDE': prioritization.INSIDE,
-        'REST': prioritization.REST, 'LAG': prioritization.LAG, 'DOUBT': prioritization.DOUBT,
-        'LAG_RATIO': prioritization.LAG_RATIO},
+        'REST': prioritization.REST, 'DOUBT': prioritization.DOUBT},
+    'priorities.h': {
+        'CA_LAG': prioritization.LAG, 'CA_LAG_RATIO': prioritization.LAG_RATIO},
     'exact.c': {'INDEPENDENT': SPANNING_MIN},
     'numbers.h': {'CA_TOLERANCE': EXACT_TOLERANCE, 'CA_ABSURD': ABSURD},
     'configuration.h': {'CA_N': ROTORS_MAX, 'CA_M': AXES_MAX}}

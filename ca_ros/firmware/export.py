@@ -24,8 +24,10 @@ from ca_ros.problem.controllability import unit
 from ca_ros.settings import ParameterError
 
 KERNEL_FILES = (
-    *('exact.h', 'problem.h', 'least_norm.h', 'priorities.h', 'numbers.h'),
-    *('exact.c', 'least_norm.c', 'priorities.c', 'priorities_wide.c', 'explanation.c'),
+    *('exact.h', 'problem.h', 'least_norm.h', 'priorities.h', 'facet.h', 'explanation.h',
+      'numbers.h'),
+    *('exact.c', 'least_norm.c', 'priorities.c', 'priorities_wide.c', 'facet.c',
+      'explanation.c'),
 )
 TILTING_FILES = (
     'vectored.h', 'problem.h', 'numbers.h', 'vectored.c', 'vectored_priorities.c',

@@ -110,11 +110,12 @@ class Bounds(NamedTuple):
         order, group, senses = (fields[name][2] for name in ('order', 'group', 'keep_sense'))
         (n,), (m,), (slack,) = (fields[name][2] for name in ('n', 'm', 'slack'))
         n, m = int(n), int(m)
-        # `ca_allocate`: attempt; then the priorities, and at worst `ca_least_norm` twice.
+        # `ca_allocate`: attempt, and again with a step before and after it at the plane that the
+        # first one finds; then the priorities, and at worst `ca_least_norm` twice.
         relaxes = slack > (1e-5 if firmware.single else 1e-12)
         attempt = 0 if n == m else constant('ATTEMPT')
         settle = 3 if firmware.single else n
-        steps = attempt + 3 * settle + (4 if relaxes else 2) * constant('STEPS')
+        steps = 2 * attempt + 2 + 3 * settle + (4 if relaxes else 2) * constant('STEPS')
         # `serve`: a push for the first group, for each sense, and for each other group and axis.
         sizes = [group[:m].count(i) for i in sorted(set(group[:m]))]
         variables = n + m + (sizes[0] > 1)

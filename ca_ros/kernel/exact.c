@@ -1,7 +1,7 @@
 /* Set-up, allocation, and the queries of exact.h. */
 #include "exact.h"
+#include "facet.h"
 #include "numbers.h"
-#include "priorities.h"
 
 #include <string.h>
 
@@ -257,16 +257,16 @@ static int insist(const ca_problem *p, ca_search *search, const ca_served *serve
     return produce(p, search, thrusts);
 }
 
-/* Whether a thrust that is held by its bound is at one that `ca_set_bounds` has narrowed. */
-static int moved_bound_limits(const ca_problem *p, const ca_face *face)
+/* The policy, or CA_RATE_LIMITED if a thrust is held by a bound that `ca_set_bounds` has narrowed. */
+static int unattainable_status(const ca_problem *p, const ca_face *face)
 {
-    for (int i = 0; i < CA_ROTORS(p); i++) {
+    for (int i = 0; p->policy != CA_REJECTED && i < CA_ROTORS(p); i++) {
         const ca_real f = face->thrusts[i], lower = p->lower[i], upper = p->upper[i];
         if (face->held[i] && ((upper < p->most[i] && upper - f <= f - lower) ||
                               (lower > p->least[i] && upper - f >= f - lower)))
-            return 1;
+            return CA_RATE_LIMITED;
     }
-    return 0;
+    return p->policy;
 }
 
 /* Returns the answer for u; if it is rejected, the thrusts are not set. */
@@ -280,6 +280,14 @@ static ca_answer solve(const ca_problem *p, const ca_real *u, ca_real *thrusts)
 
     ca_served served;
     memset(&served, 0, sizeof served);
+    if (search.unattainable && p->policy != CA_REJECTED &&
+        ca_serve_at_plane(p, &search, &served, thrusts)) {
+        if (!served.reached || !produce(p, &search, thrusts)) {
+            answer.status = unattainable_status(p, &served.face);
+            answer.level = served.level;
+        }
+        return answer;
+    }
     ca_prioritize(p, u, &served, &answer.pivots, &answer.steps);
     const int on_face = !served.almost_parallel && (served.unique || !served.reached);
     int found = 0;
@@ -296,8 +304,7 @@ static ca_answer solve(const ca_problem *p, const ca_real *u, ca_real *thrusts)
             return answer;
         }
     }
-    answer.status = p->policy != CA_REJECTED && moved_bound_limits(p, &served.face)
-                        ? CA_RATE_LIMITED : p->policy;
+    answer.status = unattainable_status(p, &served.face);
     answer.level = served.level;
     if (p->policy == CA_REJECTED) {
         answer.level = 0;

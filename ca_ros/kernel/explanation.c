@@ -5,6 +5,7 @@
  * would take one solution alone, but they are not unique where more rotors are at their bounds than
  * decide, and they do not say that a more important axis takes what the bound gives.
  */
+#include "explanation.h"
 #include "numbers.h"
 #include "priorities.h"
 

@@ -568,21 +568,22 @@ static int completes(const bounded_program *program, const ca_real *z, const ca_
 
 /* Whether a gap along a direction of multipliers proves that u is not attainable: all attainable
  * wrenches are on one side of a plane. */
-static int proves(const ca_problem *problem, ca_real tolerance, const ca_real *way,
+static int proves(const ca_problem *problem, ca_search *search, const ca_real *way,
                   ca_real short_of)
 {
     const int m = CA_AXES(problem);
-    ca_real normal[CA_M];
+    ca_real *normal = search->normal;
+    ca_copy(m, way, search->toward);
     for (int k = 0; k < m; k++) {
         normal[k] = 0;
         for (int j = k; j < m; j++)
             normal[k] += problem->coordinates[j][k] * way[j];
     }
-    return short_of > tolerance * ca_length(m, normal);
+    return short_of > search->tolerance * ca_length(m, normal);
 }
 
 /* The same for any multipliers: whether u is beyond a plane that touches the set along them. */
-static int is_beyond(const ca_problem *p, const ca_search *search, const ca_real *way)
+static int is_beyond(const ca_problem *p, ca_search *search, const ca_real *way)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
     ca_real goal[CA_M], low = 0, high = 0, rounding = 0;
@@ -596,7 +597,7 @@ static int is_beyond(const ca_problem *p, const ca_search *search, const ca_real
     }
     const ca_real height = ca_dot(m, way, goal);
     const ca_real gap = ca_max(height - high, low - height) - SUM * rounding;
-    return gap > 0 && proves(p, search->tolerance, way, gap);
+    return gap > 0 && proves(p, search, way, gap);
 }
 
 /* The row of the basis of the rotor that is furthest beyond its bounds. */
@@ -723,7 +724,7 @@ static void iterate(newton *it)
         ca_real advance =
             search_along(program, z, g, rates, -ca_dot(m, step, slopes), &short_of);
         if (!search->attainable && short_of > 0 &&
-            proves(problem, search->tolerance, step, short_of)) {
+            proves(problem, search, step, short_of)) {
             search->unattainable = 1;
             break;
         }
@@ -897,6 +898,45 @@ int ca_least_norm(const ca_problem *problem, ca_search *search, ca_real *thrusts
     }
     search->unattainable = !search->attainable && is_beyond(problem, search, search->y);
     return 0;
+}
+
+int ca_least_norm_at_once(const ca_problem *p, const ca_face *face, const ca_real *toward,
+                          ca_real *thrusts, int *steps)
+{
+    const int n = CA_ROTORS(p), m = CA_AXES(p);
+    ca_real h[CA_M][CA_M] = {{0}}, f[CA_N] = {0}, left[CA_M], slopes[CA_M] = {0}, step[CA_M];
+    int frees = 0;
+    for (int i = 0; i < n; i++)
+        frees += !face->held[i] && p->lower[i] < p->upper[i];
+    /* The free rows of the basis span all but `toward`. Either they or the others are summed. */
+    const int few = n - frees < frees;
+    for (int k = 0; k < m; k++)
+        h[k][k] = few ? 1 : 0;
+    add_square(m, toward, 1 / ca_dot(m, toward, toward), h);
+    for (int i = 0; i < n; i++) {
+        const int free = !face->held[i] && p->lower[i] < p->upper[i];
+        f[i] = free ? p->preferred[i] : face->held[i] ? face->thrusts[i] : p->lower[i];
+        if (free != few)
+            add_square(m, p->basis[i], few ? CA_REAL(-1) : CA_REAL(1), h);
+    }
+    ++*steps;
+    ca_leave(p, face->wrench, f, left);
+    multiply(m, p->coordinates, left, slopes);
+    if (!solve_definite(m, h, slopes, step))
+        return 0;
+    for (int i = 0; i < n; i++) {
+        if (face->held[i] || !(p->lower[i] < p->upper[i]))
+            continue;
+        f[i] += ca_dot(m, p->basis[i], step) / p->weight[i];
+        if (!(f[i] >= p->lower[i] && f[i] <= p->upper[i]))
+            return 0;
+    }
+    ca_leave(p, face->wrench, f, left);
+    const ca_real tolerance = CA_TOLERANCE * ca_max(1, ca_length(m, face->wrench));
+    if (!ca_within(p, ca_length(m, left), tolerance, AIM, f))
+        return 0;
+    ca_copy(n, f, thrusts);
+    return 1;
 }
 
 int ca_least_norm_on_face(const ca_problem *problem, const ca_face *face, ca_real *thrusts,

@@ -15,6 +15,7 @@ extern "C" {
 #define ca_attempt CA_SYMBOL(ca_attempt)
 #define ca_least_norm CA_SYMBOL(ca_least_norm)
 #define ca_least_norm_on_face CA_SYMBOL(ca_least_norm_on_face)
+#define ca_least_norm_at_once CA_SYMBOL(ca_least_norm_at_once)
 #define ca_settle CA_SYMBOL(ca_settle)
 
 /* A wrench and Newton's method for it. */
@@ -25,6 +26,8 @@ typedef struct {
     ca_real y[CA_M];     /* multipliers */
     int attainable;      /* whether the wrench is known to be attainable, up to rounding */
     int unattainable;    /* whether a plane proves that it is not */
+    ca_real normal[CA_M]; /* of that plane */
+    ca_real toward[CA_M]; /* its multipliers: normal = coordinates^T toward */
     int *steps;          /* number of steps, added up */
 } ca_search;
 
@@ -54,7 +57,10 @@ void ca_start(const ca_problem *problem, const ca_real *u, int attainable, int *
 int ca_attempt(const ca_problem *problem, ca_search *search, ca_real *thrusts);
 int ca_least_norm(const ca_problem *problem, ca_search *search, ca_real *thrusts);
 
-/* The same for the wrench of a face. */
+/* The same for the wrench of a face; `ca_least_norm_at_once` for one on the plane of a search, by one
+ * step towards all thrusts that are not held. It sets no thrusts if this does not suffice. */
+int ca_least_norm_at_once(const ca_problem *problem, const ca_face *face, const ca_real *toward,
+                          ca_real *thrusts, int *steps);
 int ca_least_norm_on_face(const ca_problem *problem, const ca_face *face, ca_real *thrusts,
                           int *steps);
 

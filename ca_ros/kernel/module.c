@@ -4,7 +4,7 @@
  */
 #include "module.h"
 
-#include "exact.h"
+#include "explanation.h"
 #include "numbers.h"
 
 /* `moved` is the problem within the bounds of the last call that gave any; each such call sets all

@@ -50,10 +50,8 @@ typedef ca_real real;
 #define INSIDE REAL(0.99)
 /* Distance from the reference, as a share of an axis's range, that counts as none. */
 #define REST CHOOSE(1e-9, 1e-6, 1e-6)
-/* Least weight of an axis in its group, as a share of its range. */
-#define LAG REAL(1e-3)
-/* Least weight of an axis in its group, relative to the greatest. */
-#define LAG_RATIO REAL(1e-6)
+#define LAG REAL(CA_LAG)
+#define LAG_RATIO REAL(CA_LAG_RATIO)
 /* A demand counts as served within DOUBT times the error estimate of the simplex method. */
 #define DOUBT CHOOSE(10, 1, 1)
 
@@ -722,9 +720,33 @@ static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
     return 1;
 }
 
+#if !WIDE
+void ca_judge(const ca_problem *p, const ca_real *u, ca_real share, ca_real doubt, ca_served *served)
+{
+    const int m = CA_AXES(p), first = group_size(p, 0);
+    served->reached = 1;
+    served->level = 1;
+    for (int i = 0; i < m; i++) {
+        const int axis = p->order[i];
+        const ca_real way = u[axis] - p->reference[axis];
+        const ca_real missed = ca_abs(served->face.wrench[axis] - u[axis]);
+        ca_real level = 0;
+        if (missed <= doubt * p->extent[axis] ||
+            (missed <= p->rounding && missed <= ca_rounding(p, served->face.thrusts)))
+            continue;
+        served->reached = 0;
+        if (i < first && first > 1 && p->on_reference && share >= 0)
+            level = share;
+        else if (ca_abs(way) > 0)
+            level = ca_clip((served->face.wrench[axis] - p->reference[axis]) / way, 0, 1);
+        served->level = ca_min(served->level, level);
+    }
+}
+#endif
+
 int SERVE(const ca_problem *p, const ca_real *u, ca_served *served, int *pivots, int *steps)
 {
-    const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
+    const int n = CA_ROTORS(p), m = CA_AXES(p);
     simplex s;
     real goals[CA_M] = {0}, reference[CA_M] = {0}, axes[CA_M];
     ca_real wrench[CA_M], missed[CA_M], *thrusts = served->face.thrusts;
@@ -754,24 +776,8 @@ int SERVE(const ca_problem *p, const ca_real *u, ca_served *served, int *pivots,
         ca_settle(p, wrench, tolerance, thrusts, steps);
         ca_leave(p, wrench, thrusts, missed);
     }
-    served->reached = 1;
-    served->level = 1;
     for (int k = 0; k < m; k++)
         served->face.wrench[k] = wrench[k] - missed[k];
-    const ca_real rounding = ca_rounding(p, thrusts);
-    for (int i = 0; i < m; i++) {
-        const int axis = p->order[i];
-        const ca_real way = u[axis] - p->reference[axis];
-        ca_real level = 0;
-        const ca_real doubt = (ca_real)(DOUBT * s.doubt * (real)p->extent[axis]);
-        if (ca_abs(served->face.wrench[axis] - u[axis]) <= ca_max(doubt, rounding))
-            continue;
-        served->reached = 0;
-        if (i < first && first > 1 && p->on_reference && share >= 0)
-            level = (ca_real)share;
-        else if (ca_abs(way) > 0)
-            level = ca_clip((served->face.wrench[axis] - p->reference[axis]) / way, 0, 1);
-        served->level = ca_min(served->level, level);
-    }
+    ca_judge(p, u, (ca_real)share, (ca_real)(DOUBT * s.doubt), served);
     return 1;
 }

@@ -2,7 +2,6 @@
 #ifndef CA_ROS_KERNEL_PRIORITIES_H
 #define CA_ROS_KERNEL_PRIORITIES_H
 
-#include "exact.h"
 #include "least_norm.h"
 
 #ifdef __cplusplus
@@ -10,8 +9,13 @@ extern "C" {
 #endif
 
 #define ca_priorities_set_up CA_SYMBOL(ca_priorities_set_up)
+#define ca_judge CA_SYMBOL(ca_judge)
 #define ca_serve CA_SYMBOL(ca_serve)
 #define ca_serve_wide CA_SYMBOL(ca_serve_wide)
+
+/* Least weight of an axis in its group, as a share of its range, and relative to the greatest. */
+#define CA_LAG 1e-3
+#define CA_LAG_RATIO 1e-6
 
 /* The attainable wrench that is served for a demand. */
 typedef struct {
@@ -25,6 +29,11 @@ typedef struct {
 
 /* Set `begin` and the fields after it. */
 void ca_priorities_set_up(ca_problem *problem, int on_reference);
+
+/* Set `reached` and `level` of what is served of u. `share` is that of its line that the first group
+ * gets, or -1; `doubt` the error of the wrench, as a share of the range of an axis. */
+void ca_judge(const ca_problem *problem, const ca_real *u, ca_real share, ca_real doubt,
+              ca_served *served);
 
 /* Serve u. In single precision `ca_serve` returns 0 and sets nothing if rounding errors could have
  * decided; `ca_serve_wide`, in double precision and only there to answer then, returns 1. */

@@ -123,7 +123,7 @@ def build(problem: AllocationProblem, method: str, folder: Path) -> Path:
     parts = given(problem, folder)
     if method == 'kernel':
         parts += ['-DCOUNT_KERNEL', '-DCA_FLOAT', '-DCA_FIXED', f'-I{KERNEL}']
-        names = 'exact', 'least_norm', 'priorities', 'priorities_wide'
+        names = 'exact', 'least_norm', 'priorities', 'priorities_wide', 'facet'
         sources = [KERNEL / f'{name}.c' for name in names]
         parts += [
             compiled(folder / f'{source.stem}.o', *KERNEL_FLAGS, *parts, '-c', source)

@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "exact.h"
+#include "explanation.h"
 
 #ifdef CA_FLOAT
 #define TOLERANCE 2e-5

@@ -1,0 +1,23 @@
+/* What the priorities serve of a wrench that a plane excludes. */
+#ifndef CA_ROS_KERNEL_FACET_H
+#define CA_ROS_KERNEL_FACET_H
+
+#include "priorities.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define ca_serve_at_plane CA_SYMBOL(ca_serve_at_plane)
+
+/* Serve the wrench of a search that has proven it unattainable, as `ca_serve` does, and find its
+ * least-norm thrusts. Returns 0, with nothing set, if the plane of the proof does not decide what to
+ * serve: mostly far from the boundary. */
+int ca_serve_at_plane(const ca_problem *problem, const ca_search *search, ca_served *served,
+                      ca_real *thrusts);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
