@@ -87,7 +87,7 @@ class Condition:
             'coaxial': 0.3 * air, 'body_drag': 0.012 * air * uniform(0.7, 1.3),
             'pressure': 0.01 * air * normal(3), 'ground_effect': uniform(1.0, 3.0) * (air > 0.0),
             'sink': uniform(0.0015, 0.005), 'damping': uniform(0.3, 0.8),
-            'friction': uniform(0.4, 1.0),
+            'friction': uniform(0.4, 1.0), 'uneven': 0.01 * m * uniform(-1, 1, 4),
             'wind': speed * np.array([np.cos(angle), np.sin(angle), up]),
             'turbulence': self.turbulence * speed,
             'payload': vehicle.mass * uniform(*self.payload) * loaded, 'hook': hook,

@@ -40,7 +40,8 @@ def mjcf(vehicle: Any, truth: Any) -> str:
     centre = np.array(truth.centre)
     angles = FEET_ANGLE + np.pi / 2.0 * np.arange(4)
     ring = vehicle.foot * np.column_stack([np.cos(angles), np.sin(angles)])
-    places = np.column_stack([ring, np.full(4, 0.01 - vehicle.height)]) - centre
+    low = 0.01 - vehicle.height - np.array(truth.uneven)
+    places = np.column_stack([ring, low]) - centre
     return MJCF.format(
         gravity=vehicle.gravity, step=STEP, friction=truth.friction, damping=truth.damping,
         stiffness=max(np.sqrt(truth.sink / vehicle.gravity), 2.0 * STEP),

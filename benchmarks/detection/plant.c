@@ -47,6 +47,7 @@ struct truth {
     double body_drag, pressure[3];       /* C_d A [m^2]; centre of pressure [m] */
     double ground_effect;                /* factor of the term of Cheeseman and Bennett */
     double sink, damping, friction;      /* of the legs: deflection at rest [m], ratio, mu */
+    double uneven[FEET];                 /* how much each leg is longer [m] */
     double wind[3], turbulence;          /* [m/s]; wind speed at 6 m that sets intensities [m/s] */
     double payload, hook[3], dropped;    /* mass [kg], where it hangs [m], when it is dropped [s] */
     double position_noise, velocity_noise, attitude_noise, rate_noise;
@@ -105,6 +106,7 @@ struct plant {
     int first, waiting;
 
     int mode;
+    double patience;                     /* from standing still to the end of a landing [s] */
     double since, goal[3], heading, goal_heading, reference[3], next_goal, next_hop, rate;
     double integral[3], spun[3], feed[3], still, spool;
     double measured_p[3], measured_v[3], measured_q[4], measured_w[3];
@@ -320,7 +322,8 @@ static void feet(struct plant *a, double r[3][3], double force[3], double torque
     if (a->p[2] > vehicle->height + vehicle->foot) return;
     for (int i = 0; i < FEET; i++) {
         double angle = PI / 4.0 + PI / 2.0 * i, world[3], turning[3], velocity[3];
-        double place[3] = {vehicle->foot * cos(angle), vehicle->foot * sin(angle), -vehicle->height};
+        double place[3] = {vehicle->foot * cos(angle), vehicle->foot * sin(angle), 0.0};
+        place[2] = -vehicle->height - t->uneven[i];
         for (int j = 0; j < 3; j++) place[j] -= a->centre[j];
         to_world(r, place, world);
         double depth = -(a->p[2] + world[2]);
@@ -519,6 +522,7 @@ static void choose(struct plant *a) {
                 a->goal[1] = a->measured_p[1] + uniform(a, -1.0, 1.0);
                 a->goal[2] = uniform(a, m->low, m->high);
                 a->rate = uniform(a, 0.3, 0.7);
+                a->patience = uniform(a, 0.15, 1.0);
                 a->next_hop = t + m->period;
                 a->spool = 0.0;
                 memset(a->integral, 0, sizeof a->integral);
@@ -530,12 +534,12 @@ static void choose(struct plant *a) {
             if (fabs(a->measured_p[2] - a->goal[2]) < 0.3 || t > a->since + 5.0) enter(a, HOLDING);
             break;
         case HOLDING:
-            if (t > a->next_hop - 4.0 - a->goal[2] / a->rate) enter(a, DESCENDING);
+            if (t > a->next_hop - 4.5 - a->goal[2] / a->rate) enter(a, DESCENDING);
             break;
         case DESCENDING:
             a->still = a->measured_v[2] > -0.3 * a->rate
                 && a->measured_p[2] < a->vehicle.height + 0.15 ? a->still + 1.0 : 0.0;
-            if (a->still > 15.0) enter(a, SHUTTING);
+            if (a->still * STEP * PER_CONTROL > a->patience) enter(a, SHUTTING);
             break;
         case SHUTTING:
             if (a->spool <= 0.0) enter(a, GROUNDED);

@@ -65,7 +65,7 @@ Truth = _structure(
     ('torque_factor', ROTORS), ('lag', ROTORS), 'braking', 'delay', 'age', 'jitter', 'sag',
     'sag_rate', 'sag_load', 'flapping', 'hub_moment', 'inflow', 'wake', 'coaxial',
     'rotor_inertia', 'body_drag', ('pressure', 3), 'ground_effect', 'sink', 'damping', 'friction',
-    ('wind', 3), 'turbulence', 'payload', ('hook', 3), 'dropped', 'position_noise',
+    ('uneven', 4), ('wind', 3), 'turbulence', 'payload', ('hook', 3), 'dropped', 'position_noise',
     'velocity_noise', 'attitude_noise', 'rate_noise', 'force_noise', ('force_bias', 3),
     ('imu', 3), 'vibration')
 
