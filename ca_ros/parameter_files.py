@@ -12,15 +12,8 @@ from ca_ros.allocation.settings import AllocationSettings, MethodSettings, own_m
 from ca_ros.control.controller_settings import ControllerSettings, check_attitude
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.problem.prioritization import PrioritizedAxesSettings
-from ca_ros.settings import (
-    Numbers,
-    ParameterError,
-    Settings,
-    check_given,
-    read,
-    setting,
-    table,
-)
+from ca_ros.setting_names import check_given
+from ca_ros.settings import Numbers, ParameterError, Settings, read, setting, table
 from ca_ros.simulation.plant_settings import PlantSettings
 from ca_ros.vehicle import files
 from ca_ros.vehicle.settings import AxesSettings, BodySettings, MovingBodySettings, RotorSettings
@@ -28,18 +21,17 @@ from ca_ros.vehicle.settings import AxesSettings, BodySettings, MovingBodySettin
 WORLD_FRAME = partial(
     setting, 'map',
     'frame_id of poses and waypoints; messages with another frame_id are dropped, those with an '
-    'empty frame_id are used', mutable=True, rebuild=False)
+    'empty frame_id are used', mutable=True)
 
 TIMEOUT_ACTION = partial(
     setting, 'idle',
     'rotor speeds until commands return. idle: the speeds within the bounds that are nearest to '
-    'zero; stop: zero; hold: the last speeds', choices=['idle', 'stop', 'hold'], mutable=True,
-    rebuild=False)
+    'zero; stop: zero; hold: the last speeds', choices=['idle', 'stop', 'hold'], mutable=True)
 
 COMMAND_AGE_MAX = partial(
     setting, 0.0,
     'greatest difference between the stamp of a wrench and ROS time; wrenches beyond it are '
-    'dropped; 0: no limit', unit='s', minimum=0.0, mutable=True, rebuild=False)
+    'dropped; 0: no limit', unit='s', minimum=0.0, mutable=True)
 
 AWAIT_HEALTH = partial(
     setting, False, 'in mode lockstep, answer a state only with the rotor_health of its stamp')
@@ -58,7 +50,7 @@ class SimulationSettings(PlantSettings):
     hold_at: float = setting(
         0.0,
         'simulated time at which the simulator waits in mode lockstep, until this parameter is '
-        'set to a later time; 0: never', unit='s', minimum=0.0, mutable=True, rebuild=False)
+        'set to a later time; 0: never', unit='s', minimum=0.0, mutable=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,11 +83,11 @@ class NodeSettings(Settings):
         'realtime: the simulator follows the clock; lockstep: it steps once per command')
     command_timeout: float = setting(
         0.1, 'time without a valid command after which the timeout action begins', unit='s',
-        positive=True, mutable=True, rebuild=False)
+        positive=True, mutable=True)
     command_frame: str = setting(
         'base_link',
         'frame_id of wrenches and body velocities; messages with another frame_id are dropped, '
-        'those with an empty frame_id are used', mutable=True, rebuild=False)
+        'those with an empty frame_id are used', mutable=True)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,10 +15,8 @@ name of the group and a dot come before the names of its settings.
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from math import inf, isfinite, nan
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -26,16 +24,13 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array, constant
-from ca_ros.errors import CaRosError
-from ca_ros.old_names import REMOVED, RENAMED
+from ca_ros.errors import CaRosError, shortened
 
 Numbers = Annotated[ArrayLike, float]  # the type of a setting that is one number or several
 Words = Annotated[Sequence[str], str]  # the type of a setting that is several words
 REQUIRED = object()  # the default of a setting that a file must have
 
 LARGEST, SMALLEST = 1e9, 1e-30  # positive numbers; products of others could overflow
-WEIGHTS_MAX = 1e4  # greatest ratio of two weights
 
 
 class ParameterError(CaRosError, ValueError):
@@ -53,14 +48,11 @@ class Field:
     - `description`: with the unit in brackets
     - `kinds`: `bool`, `int`, `float` and `str`, as far as allowed
     - `array`: whether several values are allowed
-    - `minimum` and `maximum`: each number is in [minimum, maximum], and greater than zero if
-      `positive`
+    - `minimum`, `maximum`: the range of each number; if `positive`, it is greater than zero
     - `choices`: the allowed words, if they are not in the type
     - `sizes`: how many numbers there may be
-    - `removed`: by a word or a size that was allowed once, what to do instead
     - `own_class`: whether ``module:Class`` is allowed beside the choices
     - `mutable`: whether it can be set on a running node
-    - `rebuild`: whether a node then builds its allocator, controller or plant again
     - `python_only`: whether files and nodes do not have it
     """
 
@@ -73,10 +65,8 @@ class Field:
     positive: bool = False
     choices: Sequence[str] = ()
     sizes: Sequence[int] = ()
-    removed: Mapping[Any, str] = dataclasses.field(default_factory=dict)
     own_class: bool = False
     mutable: bool = False
-    rebuild: bool = True
     python_only: bool = False
 
     def range(self) -> str:
@@ -128,11 +118,10 @@ def groups(kinds: Mapping[str, type[Settings]]) -> Any:
     The names of the settings begin with the name of their group, not with that of the field.  By
     default each group has its defaults.
     """
-
-    def made() -> dict[str, Settings]:
-        return {name: kind() for name, kind in kinds.items()}
-
-    return dataclasses.field(default_factory=made, hash=False, metadata={'groups': kinds})
+    return dataclasses.field(
+        default_factory=lambda: {name: kind() for name, kind in kinds.items()}, hash=False,
+        metadata={'groups': kinds},
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,48 +141,35 @@ class Settings:
 
 
 S = TypeVar('S', bound=Settings)
-
-Declared = Field | type[Settings] | Mapping[str, type[Settings]]
-"""What a class of settings has: a setting, a group, or several groups by name."""
-
 Groups = Mapping[str, type[Settings]]
 
+_FOUND: dict[type[Settings], Mapping[str, Field | type[Settings] | Groups]] = {}
 
-_FOUND: dict[type[Settings], Mapping[str, Declared]] = {}
 
-
-def _fields(kind: type[Settings]) -> Mapping[str, Declared]:
-    """Return what a class of settings declares, by name."""
+def _fields(kind: type[Settings]) -> Mapping[str, Field | type[Settings] | Groups]:
+    """Return by name what a class of settings declares: a setting, a group, or several groups."""
     if kind in _FOUND:
         return _FOUND[kind]
     hints = get_type_hints(kind, include_extras=True)
-    found: dict[str, Declared] = {}
+    found: dict[str, Field | type[Settings] | Groups] = {}
     for each in dataclasses.fields(kind):
         hint, declared = hints[each.name], each.metadata.get('setting')
         if declared is None:
             found[each.name] = each.metadata.get('groups', hint)
             continue
         parts = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-        kinds, choices, array = [], [*declared.choices], False
-        for part in parts:
-            if get_origin(part) is Literal:
-                kinds.append(str)
-                choices += get_args(part)
-            elif get_origin(part) is Annotated:
-                kinds.append(part.__metadata__[0])
-                array = True
-            elif part is not type(None):
-                kinds.append(part)
+        words = [word for part in parts if get_origin(part) is Literal for word in get_args(part)]
+        several = [part.__metadata__[0] for part in parts if get_origin(part) is Annotated]
+        single = [part for part in parts if part in (bool, int, float, str)]
         found[each.name] = dataclasses.replace(
-            declared, kinds=tuple(kinds), choices=tuple(choices), array=array
+            declared, kinds=(*[str] * bool(words), *several, *single), array=bool(several),
+            choices=(*declared.choices, *words),
         )
     _FOUND[kind] = found
     return found
 
 
-def table(
-    kind: type[Settings], prefix: str = '', own: Groups | None = None
-) -> Mapping[str, Field]:
+def table(kind: type[Settings], prefix: str = '', own: Groups | None = None) -> dict[str, Field]:
     """Return the settings of a class and its groups by full name, without those of Python alone.
 
     The names begin with the prefix.  `own` has more groups, beside those of the class.
@@ -211,31 +187,39 @@ def table(
 
 
 def read(
-    kind: type[S], given: Mapping[str, Any], prefix: str = '', own: Groups | None = None
+    kind: type[S], given: Mapping[str, Any], prefix: str = '', own: Groups | None = None,
+    before: S | None = None,
 ) -> S:
     """Return the settings that are given by full name; others have their defaults.
 
-    `prefix` and `own`: see `table`.  Names that the class does not have are ignored: see
-    `check_given`.  Raises a ParameterError if a value is wrong; the message has the full name, or
-    a MissingParameterError if a setting without a default is missing.
+    Names that the class does not have are ignored: see `check_given`.  Raises a ParameterError if
+    a value is wrong; the message has the full name, or a MissingParameterError if a setting
+    without a default is missing.
+
+    `prefix` and `own`: see `table`.  `before`: settings whose values hold where none is given;
+    groups that do not change stay the same objects.
     """
     values: dict[str, Any] = {}
     for name, field in _fields(kind).items():
-        full = prefix + name
+        full, old = prefix + name, getattr(before, name, None)
         if isinstance(field, type):
-            values[name] = read(field, given, f'{full}.', own)
+            values[name] = read(field, given, f'{full}.', own, old)
         elif isinstance(field, Mapping):
-            values[name] = {
-                group: read(each, given, f'{prefix}{group}.')
+            new = {
+                group: read(each, given, f'{prefix}{group}.', None, old and old[group])
                 for group, each in {**field, **(own or {})}.items()
             }
+            values[name] = old if new == old else new
         elif not field.python_only:
-            value = given.get(full, field.default)
+            value = given.get(full, field.default if before is None else old)
             if value is REQUIRED or value is None:
                 raise MissingParameterError(f'{full}: missing; it is the {field.description}')
             values[name] = value
     try:
-        return kind(**values)
+        if before is None:
+            return kind(**values)
+        values = {name: each for name, each in values.items() if each is not getattr(before, name)}
+        return dataclasses.replace(before, **values) if values else before
     except ParameterError as error:
         raise type(error)(f'{prefix}{error}') from None
 
@@ -255,87 +239,9 @@ def flat(settings: Settings, prefix: str = '') -> dict[str, Any]:
     return values
 
 
-def changed(settings: S, given: Mapping[str, Any], prefix: str = '') -> S:
-    """Return settings with other values, given by full name; raises as `read` does.
-
-    Groups without other values stay the same objects.
-    """
-    values: dict[str, Any] = {}
-    for name, field in _fields(type(settings)).items():
-        value = getattr(settings, name)
-        if isinstance(field, type):
-            new: Any = changed(value, given, f'{prefix}{name}.')
-        elif isinstance(field, Mapping):
-            new = {group: changed(value[group], given, f'{prefix}{group}.') for group in value}
-            new = value if all(new[group] is value[group] for group in value) else new
-        else:
-            new = value if field.python_only else given.get(prefix + name, value)
-        if new is not value:
-            values[name] = new
-    try:
-        return dataclasses.replace(settings, **values) if values else settings
-    except ParameterError as error:
-        raise type(error)(f'{prefix}{error}') from None
-
-
-def differing(old: Settings, new: Settings, prefix: str = '') -> dict[str, Field]:
-    """Return the settings, by full name, whose values differ between two objects of a class."""
-    found: dict[str, Field] = {}
-    for name, field in _fields(type(new)).items():
-        before, after = getattr(old, name), getattr(new, name)
-        if before is after or before == after:
-            continue
-        if isinstance(field, Field):
-            found[prefix + name] = field
-        elif isinstance(field, type):
-            found |= differing(before, after, f'{prefix}{name}.')
-        else:
-            for group in after:
-                found |= differing(before[group], after[group], f'{prefix}{group}.')
-    return found
-
-
-def renamed(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values by full name under their present names, with one warning of all old names."""
-    values: dict[str, Any] = {}
-    notes = []
-    for name, value in given.items():
-        new, words = RENAMED.get(name, (name, {}))
-        changed = words.get(value, value) if isinstance(value, str) else value
-        if (new, changed) != (name, value):
-            now = f'{new}: {shortened(changed)}' if changed is not value else new
-            notes.append(f'{name} is now {now}')
-        values.setdefault(new, changed)
-    if notes:
-        warnings.warn(f'old settings: {"; ".join(notes)}', FutureWarning, stacklevel=1)
-    return values
-
-
-def check_given(given: Mapping[str, Any], known: Mapping[str, Field]) -> None:
-    """Check the names and values of settings, given by full name, against all that are known.
-
-    Unknown names are accepted, because they may belong to another package, unless they are similar
-    to a known name or in the same group (``rotors.``).  Raises a ParameterError if a name or a
-    value is wrong; the message names it.
-    """
-    groups = {name.split('.')[0] for name in known if '.' in name}
-    for name, value in given.items():
-        if name in known:
-            check(name, value, known[name])
-            continue
-        if name in REMOVED:
-            raise ParameterError(f'{name}: no such parameter any more: {REMOVED[name]}')
-        near = get_close_matches(name, known, n=1, cutoff=0.7)
-        if near or name.split('.')[0] in groups:
-            hint = f' (did you mean {near[0]}?)' if near else ''
-            shown = name if name.isprintable() else repr(name)
-            raise ParameterError(f'{shown}: no such parameter{hint}')
-
-
 def check(name: str, value: Any, field: Field) -> Any:
     """Return the value of a setting with its type; raise a `ParameterError` if it is wrong."""
-    if hasattr(value, 'tolist'):
-        value = value.tolist()
+    value = value.tolist() if hasattr(value, 'tolist') else value
     is_array = not isinstance(value, (str, bool)) and hasattr(value, '__len__')
     if is_array and not field.array:
         raise ParameterError(f'{name}: expected one value ({field.range()}), got {len(value)}')
@@ -347,15 +253,13 @@ def check(name: str, value: Any, field: Field) -> Any:
     size = len(value) if is_array else 1
     if is_array and not size:
         raise ParameterError(f'{name}: expected at least one value, got none')
-    if instead := field.removed.get(value if isinstance(value, str) else size):
-        raise ParameterError(f'{name}: {instead}')
     if field.sizes and size not in field.sizes:
         expected = ' or '.join(map(str, field.sizes))
         raise ParameterError(f'{name}: expected {expected} numbers, got {size}')
     if is_array:
         if sound := _all_sound(value, field):
             return sound
-        entry = dataclasses.replace(field, sizes=(), removed={})
+        entry = dataclasses.replace(field, sizes=())
         return [check(f'{name}[{i}]', each, entry) for i, each in enumerate(value)]
     found = _typed(value, field)
     if found is None and isinstance(value, str) and not {str, bool} & {*field.kinds}:
@@ -396,38 +300,10 @@ def _typed(value: Any, field: Field) -> Any:
         number = nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
         return None
-    if (
-        not isfinite(number)
-        or not field.minimum <= number <= field.maximum
-        or (field.positive and number <= 0.0)
-        or (int in field.kinds and not number.is_integer())
-    ):
+    whole, sound = int in field.kinds, field.minimum <= number <= field.maximum
+    if not (sound and isfinite(number)) or (field.positive and number <= 0.0):
         return None
-    return int(number) if int in field.kinds else number
-
-
-def repeated(name: str, value: ArrayLike, n: int, what: str = 'rotor') -> Array:
-    """Return `Numbers` as a constant array (n,); one number counts for all.
-
-    Raises a ParameterError if there is neither one number nor n numbers.
-    """
-    numbers = np.asarray(value, dtype=float)
-    if numbers.shape not in ((), (1,), (n,)):
-        size = numbers.size
-        raise ParameterError(f'{name}: expected 1 or {n} numbers, one per {what}, got {size}')
-    return constant(np.broadcast_to(numbers, (n,)))
-
-
-def check_ratio(name: str, weights: ArrayLike) -> None:
-    """Raise a `ParameterError` if a weight is more than `WEIGHTS_MAX` times another one."""
-    if isinstance(weights, float):
-        return
-    least, greatest = float(np.min(weights)), float(np.max(weights))
-    if greatest > WEIGHTS_MAX * least:
-        raise ParameterError(
-            f'{name}: {greatest:g} is more than {WEIGHTS_MAX:g} times {least:g}, too much for '
-            'the digits of the thrusts'
-        )
+    return (int(number) if number.is_integer() else None) if whole else number
 
 
 def names_class(word: Any) -> bool:
@@ -442,13 +318,3 @@ def _frozen(value: Any) -> Any:
 
 def _listed(value: Any) -> Any:
     return list(map(_listed, value)) if isinstance(value, tuple) else value
-
-
-def shortened(value: Any) -> str:
-    """Return the repr of a value, cut to one line."""
-    try:
-        text = repr(value)
-    except (RecursionError, ValueError):
-        # For example an integer with thousands of digits.
-        return f'a value of type {type(value).__name__} that is too long'
-    return text if len(text) <= 80 else f'{text[:80]}...'

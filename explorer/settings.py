@@ -4,7 +4,8 @@ import json
 
 from ca_ros.allocation.settings import AllocatedVehicleSettings
 from ca_ros.control.controller_settings import ControllerSettings
-from ca_ros.settings import LARGEST, RENAMED, REQUIRED, SMALLEST, table
+from ca_ros.setting_names import RENAMED
+from ca_ros.settings import LARGEST, REQUIRED, SMALLEST, table
 from ca_ros.vehicle.settings import MovingBodySettings
 
 
@@ -19,8 +20,7 @@ def settings():
             'words': str in field.kinds, 'whole': int in field.kinds, 'array': field.array,
             'minimum': SMALLEST if field.positive else max(field.minimum, -LARGEST),
             'maximum': min(field.maximum, LARGEST), 'choices': list(field.choices),
-            'sizes': list(field.sizes) or None, 'removed': dict(field.removed),
-            'range': field.range(),
+            'sizes': list(field.sizes) or None, 'range': field.range(),
             'default': None if field.default is REQUIRED else field.default,
             'description': field.description,
         }

@@ -19,7 +19,8 @@ from ca_ros.control.waypoint import Waypoint
 from ca_ros.explore import PAGE
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import problem_of
-from ca_ros.settings import check_given, renamed, table
+from ca_ros.setting_names import check_given, renamed
+from ca_ros.settings import table
 from ca_ros.simulation import closed_loop
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.studies.cases import Case

@@ -16,7 +16,8 @@ from ca_ros.nodes.link_faults import (
     Link,
     corrupted,
 )
-from ca_ros.settings import check_given, read, table
+from ca_ros.setting_names import check_given
+from ca_ros.settings import read, table
 
 SHARES = st.floats(0.0, 1.0)
 TIMES = st.floats(0.0, 0.1)

@@ -219,12 +219,12 @@ def test_wrong_files_are_named(tmp_path, text, fault):
     assert '\n' not in str(caught.value)
 
 
-def test_the_old_name_of_the_names_is_read_with_a_warning(tmp_path):
+def test_effectors_have_names_and_a_kind(tmp_path):
     path = tmp_path / 'own.yaml'
     path.write_text(
-        'problem: {matrix: [[1, 1]], lower: 0, upper: 1, effectors: [a, b], effector_kind: fins}')
-    with pytest.warns(FutureWarning, match='problem.effectors is now problem.effector_names'):
-        problem = AllocationProblem.load(path)
+        'problem: {matrix: [[1, 1]], lower: 0, upper: 1, effector_names: [a, b], effector_kind: '
+        'fins}')
+    problem = AllocationProblem.load(path)
     assert problem.effector_names == ('a', 'b')
     answer = make_allocator('exact', problem).allocate([1.0])
     assert 'fins' in str(answer.certificate)

@@ -11,7 +11,8 @@ from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.prioritization import AIRMODE, PrioritiesSettings, airmode_limits
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.settings import Numbers, ParameterError, check_ratio, setting
+from ca_ros.settings import Numbers, ParameterError, setting
+from ca_ros.vehicle.validation import check_ratio
 
 POLICIES = {'prioritize': Status.PRIORITIZED, 'scale': Status.SCALED, 'reject': Status.REJECTED}
 """The status of a wrench outside of the admissible set, by policy."""

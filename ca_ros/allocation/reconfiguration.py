@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, floats
 from ca_ros.problem.audit import Audit, accept
-from ca_ros.settings import ParameterError, differing, repeated
+from ca_ros.settings import ParameterError, Settings
+from ca_ros.vehicle.validation import repeated
 from ca_ros.vehicle.vehicle import Vehicle
 
 VOLTAGE_STEP = 0.005  # relative change of the voltage from which the bounds follow it
@@ -180,5 +181,10 @@ class Reconfiguration(Generic[Made]):
             return True
         if settings is now.settings:
             return False
-        changes = differing(now.settings, settings).items()
-        return any(field.rebuild and name != HEALTH for name, field in changes)
+        return _built_from(settings) != _built_from(now.settings)
+
+
+def _built_from(settings: Any) -> dict[str, Any]:
+    """Return the groups of settings; those outside of a group, and the health, are no part."""
+    groups = {name: each for name, each in vars(settings).items() if isinstance(each, Settings)}
+    return {**groups, 'rotors': {**vars(settings.rotors), 'health': None}}

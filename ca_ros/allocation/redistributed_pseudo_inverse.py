@@ -12,7 +12,7 @@ from ca_ros.allocation.weighted_pseudo_inverse import (
 )
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import EXACT_TOLERANCE
-from ca_ros.settings import repeated
+from ca_ros.vehicle.validation import repeated
 
 
 @dataclass(frozen=True, kw_only=True)

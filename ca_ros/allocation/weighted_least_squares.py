@@ -12,17 +12,10 @@ from ca_ros.arrays import Array, constant
 from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.settings import (
-    Numbers,
-    ParameterError,
-    Settings,
-    Words,
-    check_ratio,
-    repeated,
-    setting,
-)
+from ca_ros.settings import Numbers, ParameterError, Settings, Words, setting
 from ca_ros.solver.convex_sets import ConvexSets, Interval
 from ca_ros.vehicle.settings import AXES
+from ca_ros.vehicle.validation import check_ratio, repeated
 
 WV = ('thrust 100', 'roll 1000', 'pitch 1000', 'yaw 1')  # the default of Wv, that of Paparazzi
 RATIO_MAX = 1e10  # greatest ratio of the weights of the wrench to those of the thrusts

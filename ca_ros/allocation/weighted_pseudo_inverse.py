@@ -6,7 +6,8 @@ import numpy as np
 
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.arrays import Array
-from ca_ros.settings import Numbers, Settings, check_ratio, repeated, setting
+from ca_ros.settings import Numbers, Settings, setting
+from ca_ros.vehicle.validation import check_ratio, repeated
 
 
 @dataclass(frozen=True, kw_only=True)

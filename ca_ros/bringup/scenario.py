@@ -10,8 +10,8 @@ from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.errors import CaRosError
 from ca_ros.process.processes import Deadline
-from ca_ros.settings import repeated
 from ca_ros.simulation.rotor_failures import RotorFailures
+from ca_ros.vehicle.validation import repeated
 from ca_ros.vehicle.vehicle import Vehicle
 from ca_ros_cli import NODES
 

@@ -15,7 +15,8 @@ from ca_ros.firmware.export import identifier, write
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import DTYPES
 from ca_ros.firmware.tilting import TiltingFirmware, firmware_of
-from ca_ros.settings import ParameterError, check_given, read, table
+from ca_ros.setting_names import check_given
+from ca_ros.settings import ParameterError, read, table
 from ca_ros.vehicle import files
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -11,7 +11,8 @@ from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.kernel_detector import KernelDetector, packed
 from ca_ros.firmware.firmware import DTYPES
-from ca_ros.settings import ParameterError, check_given, read, table
+from ca_ros.setting_names import check_given
+from ca_ros.settings import ParameterError, read, table
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 

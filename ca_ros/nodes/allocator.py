@@ -24,7 +24,8 @@ from ca_ros.nodes.parameters import Parameters
 from ca_ros.parameter_files import ProblemSettings
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.settings import ParameterError, Settings, check_given, table
+from ca_ros.setting_names import check_given
+from ca_ros.settings import ParameterError, Settings, table
 from ca_ros.vehicle.files import ParameterFile, find
 
 COMPONENTS = (

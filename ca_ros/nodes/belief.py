@@ -17,7 +17,8 @@ from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import Streams
 from ca_ros.nodes.topics import STANDING
 from ca_ros.problem.audit import Audit
-from ca_ros.settings import ParameterError, repeated
+from ca_ros.settings import ParameterError
+from ca_ros.vehicle.validation import repeated
 
 BATTERY_TIMEOUT = 5.0
 """Time without a sound voltage, after there was one, from which a warning begins [s]."""

@@ -24,6 +24,7 @@ from ca_ros.nodes.console import ending_signals, never_wait, replace_closed
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.rclpy_internals import RCLError, RCLInvalidROSArgsError
 from ca_ros.parameter_files import FileSettings, load_for
+from ca_ros.setting_names import check_given, renamed
 from ca_ros.settings import ParameterError, Settings, table
 from ca_ros.vehicle.files import (
     YAML_MAX,
@@ -118,8 +119,8 @@ def parse(
         owner, _, name = name.rpartition(':')
         names.add(name)
         if not owner or matches(f'/{owner.strip("/")}', node):
-            given = settings.renamed({name: read_value(name, value)})
-            settings.check_given({each: given[each] for each in given if each in known}, known)
+            given = renamed({name: read_value(name, value)})
+            check_given({each: given[each] for each in given if each in known}, known)
     vehicle = parser.parse_args(own).vehicle
     fields = table(declared).items()
     required = {name for name, field in fields if field.default is settings.REQUIRED}

@@ -14,7 +14,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.nodes import topics
-from ca_ros.settings import Numbers, ParameterError, Settings, Words, repeated, setting
+from ca_ros.settings import Numbers, ParameterError, Settings, Words, setting
+from ca_ros.vehicle.validation import repeated
 
 Message = TypeVar('Message')
 

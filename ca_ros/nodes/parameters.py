@@ -22,16 +22,14 @@ from rclpy.parameter import Parameter
 from ca_ros.allocation.settings import own_methods
 from ca_ros.nodes.rclpy_internals import given_parameters
 from ca_ros.parameter_files import FileSettings
+from ca_ros.setting_names import check_given, renamed
 from ca_ros.settings import (
     Field,
     MissingParameterError,
     ParameterError,
     Settings,
-    changed,
-    check_given,
     flat,
     read,
-    renamed,
     table,
 )
 
@@ -88,7 +86,8 @@ class Parameters:
     ) -> None:
         self._node = node
         given = renamed({name: each.value for name, each in given_parameters(node).items()})
-        own = own_methods(str(given.get('allocation.method')))
+        self._declared = declared
+        self._own = own = own_methods(str(given.get('allocation.method')))
         # Before rclpy compares the values with the ranges, because its message says less.
         check_given(given, names := table(known, own=own))
         try:
@@ -176,7 +175,7 @@ class Parameters:
         if not given:
             return SetParametersResult(successful=True)
         try:
-            settings = changed(self.settings, given)
+            settings = read(self._declared, given, own=self._own, before=self.settings)
             self._prepared = settings, self._prepare(settings)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error)[:REASON_MAX])

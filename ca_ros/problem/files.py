@@ -25,7 +25,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from ca_ros.settings import ParameterError, renamed
+from ca_ros.setting_names import renamed
+from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import ParameterFile, flatten
 
 ARGUMENTS = (

@@ -43,16 +43,12 @@ class PrioritiesSettings(Settings):
         THRUST_DEVIATION,
         'whether thrust may deviate from its demand so that no axis after the first group is '
         'reversed. prevent: as far as necessary; allow: not at all',
-        removed={'avoid': "'avoid' is no more: use 'prevent', which keeps the sense of yaw, or "
-                          "'allow', which keeps thrust near its demand"},
         mutable=True)
     airmode_limit: Numbers = setting(
         1.0,
         'how far thrust may rise above its demand for roll and pitch, and for yaw, as shares of '
         'its range: one number for both, or two. 0: no airmode; 1: no limit', minimum=0.0,
         maximum=1.0, sizes=[1, 2],
-        removed={4: 'the limits on a fall of thrust are no more: give the first two numbers, and '
-                    'for no fall at all thrust_deviation: allow'},
         mutable=True)
 
     def __post_init__(self) -> None:

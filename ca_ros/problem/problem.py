@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray, IntArray, constant, floats
 from ca_ros.problem.files import read_problem
-from ca_ros.settings import Numbers, ParameterError, repeated
+from ca_ros.settings import Numbers, ParameterError
 from ca_ros.solver.least_norm_qp import DualNewton, meets
 from ca_ros.solver.lexicographic_lp import Simplex
 from ca_ros.solver.zonotope import Zonotope, decomposition
 from ca_ros.vehicle.files import shipped_problems
-from ca_ros.vehicle.validation import ABSURD, different_names, numbers, ordered_bounds
+from ca_ros.vehicle.validation import ABSURD, different_names, numbers, ordered_bounds, repeated
 from ca_ros.vehicle.vehicle import EFFECTORS_MAX
 
 EXACT_TOLERANCE = 1e-12  # residual of an exact allocation, relative to max(1, |u|)

@@ -14,9 +14,10 @@ from ca_ros.arrays import Array, BoolArray, IntArray, constant
 from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem
 from ca_ros.problem.supported_set import SupportedSet
-from ca_ros.settings import Numbers, repeated
+from ca_ros.settings import Numbers
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
 from ca_ros.solver.least_norm_over_sets import SetsNewton
+from ca_ros.vehicle.validation import repeated
 
 SHAPES = {'interval': 1, 'sector': 2, 'cone': 3, 'disc': 2}  # sets in a file, with components
 

@@ -8,7 +8,7 @@ from math import hypot
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.settings import ParameterError, repeated
+from ca_ros.settings import ParameterError
 from ca_ros.simulation.drag import Drag, Wind
 from ca_ros.simulation.plant_settings import PlantSettings
 from ca_ros.simulation.rigid_body import Integrator, RigidBody, euler
@@ -16,6 +16,7 @@ from ca_ros.simulation.sensors import Sensors, delay_line
 from ca_ros.vehicle.motor_lag import ServoLag, lagged
 from ca_ros.vehicle.settings import triple
 from ca_ros.vehicle.state import ANGULAR_VELOCITY, POSITION, VELOCITY
+from ca_ros.vehicle.validation import repeated
 from ca_ros.vehicle.vehicle import Vehicle
 
 MEASURED = ('position', 'velocity', 'attitude', 'angular_velocity')  # as in a state

@@ -18,17 +18,8 @@ from ca_ros.parameter_files import FileSettings
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.vehicle_problem import VehicleProblem, vehicle_of
-from ca_ros.settings import (
-    Field,
-    Numbers,
-    ParameterError,
-    check_given,
-    flat,
-    names_class,
-    read,
-    renamed,
-    table,
-)
+from ca_ros.setting_names import check_given, renamed
+from ca_ros.settings import Field, Numbers, ParameterError, flat, names_class, read, table
 from ca_ros.simulation.closed_loop import Believed, Change, Detection, Found
 from ca_ros.simulation.plant import Plant, body_of
 from ca_ros.simulation.rigid_body import RigidBody

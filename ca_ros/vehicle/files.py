@@ -14,8 +14,10 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+from ca_ros.errors import shortened
 from ca_ros.input_files import read_text
-from ca_ros.settings import ParameterError, renamed, shortened
+from ca_ros.setting_names import renamed
+from ca_ros.settings import ParameterError
 
 YAML_MAX = 1_000_000  # greatest size of a file, which takes some seconds to read [bytes]
 

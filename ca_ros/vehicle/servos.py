@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ca_ros.arrays import Array, BoolArray, constant
-from ca_ros.settings import ParameterError, repeated
+from ca_ros.settings import ParameterError
 from ca_ros.vehicle.settings import RotorSettings
+from ca_ros.vehicle.validation import repeated
 
 FIXED = 1e-9  # range of a tilt angle below which a rotor is fixed [rad]
 

@@ -12,9 +12,9 @@ from ca_ros.settings import (
     ParameterError,
     Settings,
     Words,
-    repeated,
     setting,
 )
+from ca_ros.vehicle.validation import repeated
 
 AXES = ('force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw')
 

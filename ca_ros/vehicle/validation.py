@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array, floats
-from ca_ros.settings import ParameterError, repeated
+from ca_ros.arrays import Array, constant, floats
+from ca_ros.settings import ParameterError
 
 ABSURD = 1e100  # greatest number of a wrench; larger ones are the caller's error [N, N m]
+WEIGHTS_MAX = 1e4  # greatest ratio of two weights
 
 
 def numbers(name: str, given: ArrayLike, size: int | None = None) -> Array:
@@ -24,6 +25,30 @@ def numbers(name: str, given: ArrayLike, size: int | None = None) -> Array:
         text = ' '.join(repr(given).split())
         raise ValueError(f'{name}: expected finite numbers up to {ABSURD:g}, got {text}')
     return array if size is None else repeated(name, array, size, 'effector')
+
+
+def repeated(name: str, value: ArrayLike, n: int, what: str = 'rotor') -> Array:
+    """Return `Numbers` as a constant array (n,); one number counts for all.
+
+    Raises a ParameterError if there is neither one number nor n numbers.
+    """
+    numbers = np.asarray(value, dtype=float)
+    if numbers.shape not in ((), (1,), (n,)):
+        size = numbers.size
+        raise ParameterError(f'{name}: expected 1 or {n} numbers, one per {what}, got {size}')
+    return constant(np.broadcast_to(numbers, (n,)))
+
+
+def check_ratio(name: str, weights: ArrayLike) -> None:
+    """Raise a `ParameterError` if a weight is more than `WEIGHTS_MAX` times another one."""
+    if isinstance(weights, float):
+        return
+    least, greatest = float(np.min(weights)), float(np.max(weights))
+    if greatest > WEIGHTS_MAX * least:
+        raise ParameterError(
+            f'{name}: {greatest:g} is more than {WEIGHTS_MAX:g} times {least:g}, too much for '
+            'the digits of the thrusts'
+        )
 
 
 def different_names(name: str, given: Sequence[str], size: int) -> tuple[str, ...]:

@@ -14,14 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray, constant, floats, is_constant
-from ca_ros.settings import (
-    MissingParameterError,
-    ParameterError,
-    check_given,
-    read,
-    repeated,
-    table,
-)
+from ca_ros.setting_names import check_given
+from ca_ros.settings import MissingParameterError, ParameterError, read, table
 from ca_ros.vehicle import files
 from ca_ros.vehicle.geometry import rotor_axes, rotor_positions
 from ca_ros.vehicle.servos import Servos, servos_of
@@ -35,7 +29,7 @@ from ca_ros.vehicle.settings import (
     VehicleSettings,
 )
 from ca_ros.vehicle.thrust_curve import ThrustCurve, rotor_speeds
-from ca_ros.vehicle.validation import inertia_matrix, ordered_bounds
+from ca_ros.vehicle.validation import inertia_matrix, ordered_bounds, repeated
 
 EFFECTORS_MAX = 1000  # greatest number of rotors; more would need hours to list what they can do
 HEALTH_MIN = 1e-9  # a rotor whose health is below this counts as lost

@@ -12,12 +12,10 @@ const isMap = (value) => value !== null && typeof value === 'object' && !Array.i
 
 /** Return the value of a setting with its type, or say what is wrong with it. */
 export function check(name, value, field) {
-  const {array, sizes, range, removed = {}} = field, isList = Array.isArray(value), size = isList ? value.length : 1;
+  const {array, sizes, range} = field, isList = Array.isArray(value), size = isList ? value.length : 1;
   insist(array || !isList, `${name}: expected one value (${range}), got ${size}`);
-  const instead = removed[typeof value === 'string' ? value : size];
-  insist(!instead, `${name}: ${instead}`);
   insist(!sizes || sizes.includes(size), `${name}: expected ${sizes?.join(' or ')} values, got ${size}`);
-  const one = {...field, array: false, sizes: null, removed: {}};
+  const one = {...field, array: false, sizes: null};
   if (isList) return value.map((entry, i) => check(`${name}[${i}]`, entry, one));
   const found = (field.words ? word : number)(value, field);
   insist(found !== undefined, `${name}: must be ${range}, got ${String(JSON.stringify(value)).slice(0, 80)}`);
