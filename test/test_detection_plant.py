@@ -1,5 +1,6 @@
 """The plant on which the detector is counted: laws of motion, of rotors, air and ground."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,7 +22,7 @@ from benchmarks.detection.plant import (
     Truth,
     fill,
 )
-from benchmarks.detection.reallocation import fly_on
+from benchmarks.detection.reallocation import acting, fly_on
 from ca_ros.simulation.rigid_body import rotation_matrix
 
 SETUP = Setup.load('x8')
@@ -227,6 +228,15 @@ def test_an_octorotor_flies_on_if_a_loss_is_announced_and_a_quadrotor_does_not()
         _, (found,) = fly_on((name, 'usual', 'announced', range(1), False))
         assert found.flies is flies
         assert (found.drop > 20.0) is not flies
+
+
+def test_flights_that_act_on_names_count_names_and_seconds():
+    fake = Fake({100, 900}, 3)
+    found = acting(replace(SETUP, make=lambda *_: fake), 'usual', 0, 12.0)
+    assert (found.names, found.turned_over) == (1, 0)
+    assert found.hours == pytest.approx(12.0 / 3600.0)
+    assert found.without == pytest.approx(12.0 - 1.0)
+    assert (found + found).without == 2.0 * found.without
 
 
 def test_the_contacts_of_mujoco_carry_the_vehicle_and_give_as_many_landings():

@@ -25,7 +25,7 @@ from benchmarks.detection.flights import (
     Outcome,
     fly,
 )
-from benchmarks.detection.reallocation import WAYS, call, fly_on
+from benchmarks.detection.reallocation import ACTING, WAYS, act, call, fly_on
 from ca_ros.errors import CaRosError
 
 BLOCK = 10  # flights of a job
@@ -40,14 +40,16 @@ def _jobs(options: argparse.Namespace) -> list[tuple[Callable[[Any], Any], tuple
     """Return what is to be flown: a function, and its argument."""
     first = TUNING if options.publish else options.first
     flights = round(options.hours * 3600.0 / DURATION)
-    contacts = round(options.mujoco * 3600.0 / DURATION)
+    contacts, acting = (round(h * 3600.0 / DURATION) for h in (options.mujoco, options.acting))
     losses, reallocated = (-(-each // len(POOLED)) for each in (options.losses, options.flights))
-    if not options.publish and first + max(flights, contacts, losses, reallocated) > TUNING:
+    most = max(flights, contacts, acting, losses, reallocated)
+    if not options.publish and first + most > TUNING:
         raise CaRosError(f'seeds from {TUNING} on are for --publish: fly less, or lower --first')
     flown = CAUSES if options.causes else options.conditions
     parts = [
         (fly, flown, [''], flights), (fly, CONTACTS, [''], contacts),
         (fly, POOLED, options.kinds, losses), (fly_on, POOLED, WAYS, reallocated),
+        (act, options.conditions, [ACTING], acting),
     ]
     return [
         (function, (vehicle, name, kind, seeds, options.imu))
@@ -70,7 +72,7 @@ def run(options: argparse.Namespace) -> tuple[str, dict[tuple[str, ...], Any]]:
     totals: dict[tuple[str, ...], list[Outcome]] = {}
     ways = {key: part for key, part in found.items() if key[2] in WAYS}
     for (vehicle, name, loss), part in found.items():
-        if loss in WAYS:
+        if loss in (*WAYS, ACTING):
             continue
         if not loss:
             counts.setdefault(vehicle, {})[name] = part
@@ -89,6 +91,9 @@ def run(options: argparse.Namespace) -> tuple[str, dict[tuple[str, ...], Any]]:
     if ways:
         text.append('## Flights with the health told to the allocator\n\n'
                     + tables.goes_on(ways, WAYS))
+    acts = {key: part for key, part in found.items() if key[2] == ACTING}
+    if acts:
+        text.append('## Flights without a failure that act on each name\n\n' + tables.acted(acts))
     seeds = f'from {TUNING} on, for publishing' if options.publish else f'from {options.first} on'
     text.append(f'Seeds {seeds}; 95 % intervals; {perf_counter() - begin:.0f} s.\n')
     return '\n'.join(text), found
@@ -104,6 +109,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--losses', type=int, default=30, help='of each vehicle and kind')
     add('--flights', type=int, default=0, help='of each vehicle in which the allocator is told')
     add('--mujoco', type=float, default=0.0, help='of each vehicle, landings in MuJoCo [h]')
+    add('--acting', type=float, default=0.0,
+        help='of each vehicle and condition, in which the allocator does what it is told [h]')
     add('--vehicles', nargs='+', default=VEHICLES, choices=VEHICLES)
     add('--conditions', nargs='*', default=[*FLOWN], choices=FLOWN, metavar='NAME',
         help=f'of the hours: {", ".join(FLOWN)}')

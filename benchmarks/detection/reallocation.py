@@ -1,14 +1,14 @@
 """Flights in which the allocator is told what the detector finds: what that saves or costs."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
 
 from benchmarks.detection.conditions import FLOWN, LOSSES, Condition
-from benchmarks.detection.flights import Setup, rng_of
-from benchmarks.detection.plant import PERIOD, Plant
+from benchmarks.detection.flights import DURATION, Setup, rng_of
+from benchmarks.detection.plant import GROUNDED, PERIOD, Plant
 from ca_ros import Exact
 from ca_ros.arrays import Array
 from ca_ros.problem.audit import accept
@@ -25,6 +25,10 @@ CLIMB, DROP = -2.0, 25.0  # it falls no faster in the mean [m/s], and no further
 WAYS = 'announced', 'detected', 'unknown', 'false', 'false for 1 s'
 """What the allocator is told: of a loss after 0.1 s, by the detector, nothing; of no loss at all
 that a sound rotor is lost, for good or for a second, by nobody but us."""
+
+
+ACTING = 'acting'
+"""The kind of flights without a failure in which the allocator does what the detector says."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +83,7 @@ def flown(setup: Setup, condition: Condition, way: str, seed: int) -> Flown:
         if failed < 0 and (row['failed'] or (way.startswith('false') and i * PERIOD >= BEGIN)):
             failed = i
         if detector is not None:
-            motion = row['attitude'], row['velocity'], row['rates']
-            force = {'specific_force': row['specific_force']} if setup.force else {}
-            if detector.observe(int(row['time']), *motion, **force):
+            if observe(setup, detector, row):
                 allocation.tell(detector.health)
                 named = named or tuple(np.flatnonzero(detector.health < 1.0).tolist())
         elif failed >= 0:
@@ -105,6 +107,64 @@ def flown(setup: Setup, condition: Condition, way: str, seed: int) -> Flown:
     climb = states[last:, 5].mean()
     flies = bool(tilt[last:].max() < TILT and climb > CLIMB and drop < DROP)
     return Flown(flies, float(tilt[begin:].max()), drop, named)
+
+
+@dataclass
+class Acted:
+    """Flights without a failure in which the allocator does what the detector says.
+
+    - `names`: how often a rotor with full health was named
+    - `without`: how long a sound rotor was not fully used [s]
+    - `turned_over`: flights that ended so
+    """
+
+    hours: float = 0.0
+    names: int = 0
+    without: float = 0.0
+    turned_over: int = 0
+
+    def __add__(self, other: 'Acted') -> 'Acted':
+        return Acted(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+
+def acting(setup: Setup, name: str, seed: int, duration: float = DURATION) -> Acted:
+    """Fly without a failure; the detector is never reset, and the allocator does what it says."""
+    rng, vehicle, found = rng_of(seed, setup.name, name), setup.vehicle, Acted()
+    truth, mission = FLOWN[name].draw(setup.model, rng, duration)
+    plant = Plant(setup.model, truth, mission, int(rng.integers(2**63)))
+    allocation, detector, health = Allocation(vehicle), setup.detector(), np.ones(vehicle.n)
+    idle = np.full(vehicle.n, setup.model.slowest)
+    for _ in range(round(duration / PERIOD)):
+        row, wrench = plant.sense()
+        if observe(setup, detector, row):
+            new = np.array(detector.health)
+            found.names += int(((new < 1.0) & (health == 1.0)).sum())
+            health = new
+            allocation.tell(health)
+        command = idle if row['mode'] == GROUNDED else allocation.speeds(wrench)
+        detector.command(int(row['time']), command)
+        plant.act(command)
+        found.hours += PERIOD / 3600.0
+        found.without += PERIOD * bool((health < 1.0).any())
+        x, y = plant.state[0][6:8]
+        if 1.0 - 2.0 * (x * x + y * y) < -0.2:
+            found.turned_over = 1
+            break
+    return found
+
+
+def observe(setup: Setup, detector: Any, row: Any) -> bool:
+    """Give a detector a row; return whether the health has changed."""
+    motion = row['attitude'], row['velocity'], row['rates']
+    force = {'specific_force': row['specific_force']} if setup.force else {}
+    return bool(detector.observe(int(row['time']), *motion, **force))
+
+
+def act(job: tuple[str, str, str, range, bool]) -> tuple[tuple[str, str, str], Acted]:
+    """Fly for a vehicle, a condition, `ACTING` and seeds; return key and what was counted."""
+    vehicle, name, kind, seeds, force = job
+    setup = Setup.load(vehicle, force=force)
+    return (vehicle, name, kind), sum((acting(setup, name, seed) for seed in seeds), Acted())
 
 
 def fly_on(

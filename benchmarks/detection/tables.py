@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.detection.flights import POOLED, Count, Outcome
-from benchmarks.detection.reallocation import Flown
+from benchmarks.detection.reallocation import Acted, Flown
 
 
 def rate(events: int, hours: float) -> str:
@@ -107,6 +107,18 @@ def goes_on(found: Mapping[tuple[str, ...], Sequence[Flown]], ways: Sequence[str
         ])
     head = ['vehicle', 'condition', *(f'{way}: fly on [%]' for way in ways),
             *(f'{way}: tilt, drop' for way in ways)]
+    return _table(head, rows)
+
+
+def acted(found: Mapping[tuple[str, ...], Acted]) -> str:
+    """Return the table of flights that act on false alarms; keys have vehicle and condition."""
+    rows = [
+        [f'`{vehicle}`', name, rate(each.names, each.hours),
+         f'{each.without / each.hours:.0f}', str(each.turned_over), f'{each.hours:.2f}']
+        for (vehicle, name, *_), each in found.items()
+    ]
+    head = ['vehicle', 'condition', 'names an hour', 'seconds an hour without a sound rotor',
+            'turned over', 'hours']
     return _table(head, rows)
 
 
