@@ -29,6 +29,7 @@ from benchmarks.detection.reallocation import ACTING, WAYS, act, call, fly_on
 from ca_ros.errors import CaRosError
 
 BLOCK = 10  # flights of a job
+TAKE_OFF = ('landings',)  # where rotors are lost soon after a take-off
 
 
 def _blocks(first: int, count: int) -> list[range]:
@@ -46,10 +47,11 @@ def _jobs(options: argparse.Namespace) -> list[tuple[Callable[[Any], Any], tuple
     if not options.publish and first + most > TUNING:
         raise CaRosError(f'seeds from {TUNING} on are for --publish: fly less, or lower --first')
     flown = CAUSES if options.causes else options.conditions
+    soon = [kind for kind in options.kinds if kind == 'total']
     parts = [
         (fly, flown, [''], flights), (fly, CONTACTS, [''], contacts),
-        (fly, POOLED, options.kinds, losses), (fly_on, POOLED, WAYS, reallocated),
-        (act, options.conditions, [ACTING], acting),
+        (fly, POOLED, options.kinds, losses), (fly, TAKE_OFF, soon, losses),
+        (fly_on, POOLED, WAYS, reallocated), (act, options.conditions, [ACTING], acting),
     ]
     return [
         (function, (vehicle, name, kind, seeds, options.imu))
@@ -77,9 +79,10 @@ def run(options: argparse.Namespace) -> tuple[str, dict[tuple[str, ...], Any]]:
         if not loss:
             counts.setdefault(vehicle, {})[name] = part
             continue
-        kinds[vehicle, loss] = kinds.get((vehicle, loss), []) + part
+        if name in POOLED:
+            kinds[vehicle, loss] = kinds.get((vehicle, loss), []) + part
         if loss == 'total':
-            totals[vehicle, name] = part
+            totals[vehicle, 'after a take-off' if name in TAKE_OFF else name] = part
     parts = [('False alarms an hour', tables.alarms, counts),
              ('Landings, take-offs and pushes', tables.contacts, counts)] if counts else []
     text = [f'## {title}\n\n{table(each)}' for title, table, each in parts]
@@ -87,7 +90,7 @@ def run(options: argparse.Namespace) -> tuple[str, dict[tuple[str, ...], Any]]:
         text.append('## Failures, by kind\n\n' + tables.names(kinds, ('vehicle', 'failure')))
     if totals:
         text.append('## Total losses, by condition\n\n'
-                    + tables.names(totals, ('vehicle', 'condition')))
+                    + tables.names(dict(sorted(totals.items())), ('vehicle', 'condition')))
     if ways:
         text.append('## Flights with the health told to the allocator\n\n'
                     + tables.goes_on(ways, WAYS))

@@ -29,6 +29,7 @@ TUNING = 1000
 
 DURATION = 120.0  # of a flight without a failure [s]
 LOST = 6.0, 12.0  # when a rotor fails in a flight, at the earliest [s]
+LIFTED = 0.1, 1.0  # the same after a take-off, where there are landings [s]
 NAMED = 2.0  # how long a failure may take to be named [s]
 BEFORE = 0.5  # a landing begins so long before its first contact [s]
 STATED = 'time', 'attitude', 'velocity', 'rates', 'specific_force', 'command'
@@ -215,8 +216,10 @@ def failing(
     for seed in seeds:
         rng = rng_of(seed, setup.name, name, loss)
         rotor = seed % setup.vehicle.n
-        high = {'low': 40.0, 'high': 50.0}
-        failure = {**high, **LOSSES[loss], 'rotor': rotor, 'time': rng.uniform(*LOST)}
+        landing = 'period' in condition.mission
+        place = {} if landing else {'low': 40.0, 'high': 50.0}
+        at = rng.uniform(*(LIFTED if landing else LOST))
+        failure = {**place, **LOSSES[loss], 'rotor': rotor, 'time': at}
         duration = LOST[1] + NAMED + 3.0
         truth, mission = condition.draw(setup.model, rng, duration, failure)
         rows = Plant(setup.model, truth, mission, int(rng.integers(2**63))).fly(duration)

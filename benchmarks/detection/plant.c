@@ -64,7 +64,8 @@ struct mission {
     double turn;                         /* greatest rate of the reference of yaw [rad/s] */
     double period;                       /* from a take-off to the next [s]; 0: no landings */
     double pushes, push;                 /* time between pushes [s], 0: none; force [N] */
-    double failure, rotor, left, time;   /* kind; from 0; thrust that is left; not before [s] */
+    double failure, rotor, left;         /* kind; from 0; thrust that is left */
+    double time;                         /* not before [s], with landings since a take-off */
 };
 
 /* A state as it was measured, the command that answers it, and what was true. */
@@ -97,7 +98,7 @@ struct plant {
     double gust[3], swirl[3], filter[5];
     double load;                         /* thrust over weight, smoothed */
     int touching, stuck, failed, gone;
-    double failed_at;
+    double failed_at, lifted;            /* when it failed, when the last foot left the ground */
     double push[3], push_at[3], push_begin, push_end, push_next;
 
     struct sample past[HISTORY];
@@ -554,7 +555,9 @@ static void choose(struct plant *a) {
     }
     int i = (int)m->rotor;
     double asked = a->target[i] * a->target[i] * a->vehicle.thrust * a->vehicle.n;
-    if (m->failure != NO_FAILURE && !a->failed && t >= m->time
+    if (a->touching || a->mode == GROUNDED) a->lifted = t;
+    double since = m->period > 0.0 ? t - a->lifted : t;
+    if (m->failure != NO_FAILURE && !a->failed && since >= m->time
             && asked >= 0.5 * a->vehicle.mass * a->vehicle.gravity) {
         a->failed = 1;
         a->failed_at = t;
