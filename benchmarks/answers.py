@@ -23,10 +23,10 @@ class Answers:
         self.problem, self.demands = problem, demands
         self.attainable = problem.attainable_set.margin(demands) >= -problem.tolerance(demands)
         self._least = np.full(len(demands), np.nan)
-        solver = problem.least_norm
+        solver = problem.box.least_norm
         for i in np.flatnonzero(self.attainable):
             answer = solver.solve(demands[i], float(problem.tolerance(demands[i])))
-            self._least[i] = np.linalg.norm(solver.least_norm_thrusts(answer.multipliers))
+            self._least[i] = np.linalg.norm(solver.least_norm(answer.multipliers))
 
     def worst(self, answers: Sequence[Any]) -> dict[str, float]:
         """Return the largest errors of answers: thrusts (n,) or None for each wrench.

@@ -23,7 +23,6 @@ from ca_ros.allocation.tilt_rates import TiltLimited
 from ca_ros.errors import CaRosError
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.audit import Audit, audit
-from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.settings import ParameterError, Settings, setting
 from ca_ros.solver.convex_sets import Interval, Sector
 from ca_ros.vehicle.effectiveness import control_allocation_matrix
@@ -34,7 +33,7 @@ __all__ = [
     'Allocator', 'Audit', 'BetaflightMixer', 'CaRosError', 'Conventional', 'Direct', 'Exact',
     'Interval', 'ParameterError', 'PseudoInverse', 'RedistributedPseudoInverse', 'Sector',
     'SequentialDesaturation', 'Settings', 'SlewLimited', 'Status', 'TiltLimited',
-    'VectoredProblem', 'Vehicle', 'WeightedLeastSquares', 'WeightedPseudoInverse', 'audit',
+    'Vehicle', 'WeightedLeastSquares', 'WeightedPseudoInverse', 'audit',
     'control_allocation_matrix', 'make_allocator', 'setting',
 ]  # fmt: skip
 

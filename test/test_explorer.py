@@ -14,6 +14,7 @@ import ca_ros.settings
 from ca_ros import AdmissibleSet, Exact, Vehicle, control_allocation_matrix, make_allocator
 from ca_ros.__main__ import main
 from ca_ros.allocation.exact_settings import ExactSettings
+from ca_ros.allocation.rates import WithinRates
 from ca_ros.allocation.settings import AllocatedVehicleSettings
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.explore import PAGE
@@ -557,12 +558,12 @@ def test_a_flight_in_the_page_is_that_of_python(
         page, name, goal, state, failures, method, monkeypatch):
     case, answers = Case.load(name, methods=[method], flying=True), []
 
-    def allocate_next(*arguments):
-        answers.append(closed_loop_allocate(*arguments))
-        return answers[-1]
+    class Recorded(WithinRates):
+        def allocate(self, *arguments):
+            answers.append(super().allocate(*arguments))
+            return answers[-1]
 
-    closed_loop_allocate = closed_loop.allocate_next
-    monkeypatch.setattr(closed_loop, 'allocate_next', allocate_next)
+    monkeypatch.setattr(closed_loop, 'WithinRates', Recorded)
     lost = RotorFailures(tuple(RotorFailure(i + 1, at / 1e3) for i, at in failures))
     changes = [
         replace(each, reconfigure=each.reconfigure and partial(

@@ -12,7 +12,7 @@ import yaml
 import ca_ros
 from ca_ros import Vehicle, explore
 from ca_ros.__main__ import main
-from ca_ros.allocation.reach import reached
+from ca_ros.allocation.slew import reached
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.files import find
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ca_ros import AllocationProblem, Status, Vehicle, make_allocator
-from ca_ros.allocation.box_backend import NumpyEngine, kernel_for
+from ca_ros.allocation.box_backend import BoxNumpy, kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.kernel import load
 from strategies import around, by_daqp, by_quadprog, length, need_kernel
@@ -63,7 +63,7 @@ def test_numpy_gives_the_same(seed, policy):
     rng = np.random.default_rng(seed)
     problem, settings = random_problem(rng)
     settings = replace(settings, policy=policy, scale_reference=problem.center)
-    engines = kernel_for(load(), problem, settings), NumpyEngine(problem, settings)
+    engines = kernel_for(load(), problem, settings), BoxNumpy(problem, settings)
     for demands in around(problem, rng, 4)[::2]:
         for u in demands:
             (ours, f), (theirs, g) = (allocate(engine, problem, u) for engine in engines)
@@ -82,7 +82,7 @@ def test_by_hand():
         problem = AllocationProblem(gamma, -1.0, upper)
         settings = ExactSettings(
             order=[problem.axes], weights=[1.0, 2.0], preferred=[1.0, 0.0], residual_slack=0.0)
-        for engine in (kernel_for(load(), problem, settings), NumpyEngine(problem, settings)):
+        for engine in (kernel_for(load(), problem, settings), BoxNumpy(problem, settings)):
             answer, thrusts = allocate(engine, problem, np.array([3.0]))
             assert answer is None
             np.testing.assert_allclose(thrusts, expected, rtol=0.0, atol=1e-14)

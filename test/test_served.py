@@ -79,7 +79,7 @@ def test_the_thrusts_for_what_is_served_have_the_least_norm(seed):
     longer = np.linalg.norm(thrusts, axis=1) - np.linalg.norm(near.thrusts, axis=1)
     assert np.all(longer <= 1e-4 * greatest)
     for wrench, given in zip(wrenches[:40], thrusts[:40], strict=True):
-        found = problem.least_norm.solve(wrench, float(problem.tolerance(wrench)))
+        found = problem.box.least_norm.solve(wrench, float(problem.tolerance(wrench)))
         if found.attained:
             assert np.linalg.norm(given) <= np.linalg.norm(found.thrusts) + 1e-9 * greatest
 

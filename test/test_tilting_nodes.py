@@ -10,7 +10,7 @@ from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros import ParameterError, Vehicle
 from ca_ros.allocation import ALLOCATORS
-from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
+from ca_ros.allocation.rates import PERIOD_MAX, WithinRates
 from ca_ros.bringup.flight_options import failure_words
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.firmware.detector import detector_of
@@ -191,7 +191,7 @@ def test_a_late_copy_has_the_same_answer_and_changes_no_later_one(graph):
     assert [ask(time) for time in (1, 10_000_000)] == answers
     methods = first, first, node.belief.made.method
     for (time, u), method in zip(demands.items(), methods, strict=True):
-        last, before = allocate_next(method, u, last, time, before).command, time
+        last, before = WithinRates(method).allocate(u, last, time, before).command, time
     assert ask(20_000_000) == last[6:].tobytes()
 
     def fly_to(x):

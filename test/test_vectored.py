@@ -12,7 +12,6 @@ from ca_ros import (
     Interval,
     ParameterError,
     Sector,
-    VectoredProblem,
     Vehicle,
     make_allocator,
 )
@@ -55,7 +54,7 @@ def random_problem(seed):
     size = sum(each.size for each in sets)
     matrix = np.random.default_rng(seed).normal(size=(6, size))
     axes = ['force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw']
-    return VectoredProblem(matrix, sets, axes)
+    return AllocationProblem(matrix, axes=axes, sets=sets)
 
 
 PROBLEMS = {f'random {seed}': random_problem(seed) for seed in (1, 3)} | {
@@ -209,7 +208,7 @@ def test_scale_reaches_the_level_of_a_cone_program(name):
             problem.sets, matrix, start, linear, np.zeros(problem.n + 1), bounds=[(0.0, 1.0)]
         )[-1]
         levels.append(abs(answer.level - best))
-        line = problem.least_norm.line(start, u - start, 1.0)
+        line = problem.program.least_norm.line(start, u - start, 1.0)
         gaps.append(abs(line.most - answer.level))
         on_line = start + answer.level * (u - start)
         aside.append(np.abs(answer.wrench - on_line).max() / np.linalg.norm(u))
@@ -231,9 +230,10 @@ def test_scale_reaches_the_level_of_a_cone_program(name):
 
 def test_scale_begins_at_the_middle_if_the_reference_is_a_corner():
     """From a corner most lines leave the set at once, and nothing would be served."""
-    problem = VectoredProblem(np.eye(2), [Sector(0.5, 2.0)], reference=[0.0, 0.0])
+    problem = AllocationProblem(np.eye(2), sets=[Sector(0.5, 2.0)])
     u = np.array([1.0, 3.0])
-    assert problem.least_norm.line(np.zeros(2), u, 1.0).length == pytest.approx(0.0, abs=1e-6)
+    line = problem.program.least_norm.line(np.zeros(2), u, 1.0)
+    assert line.length == pytest.approx(0.0, abs=1e-6)
     answer = make_allocator('exact', problem, policy='scale').allocate(u)
     way, served = u - problem.center, answer.wrench - problem.center
     assert way[0] * served[1] == pytest.approx(way[1] * served[0], abs=1e-9)
@@ -283,18 +283,21 @@ def test_thin_sectors_are_solved(engine):
     sets = [Sector(1e-3, 1.0, 3, 0.9), Sector(1e-6, 4.0, 2), Sector(1.0, 1.0, 2)]
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        problem = VectoredProblem(rng.normal(size=(4, 7)), sets)
+        problem = AllocationProblem(rng.normal(size=(4, 7)), sets=sets)
         low, high = 1.3 * problem.lower, 1.3 * problem.upper
         wrenches = problem.clip(rng.uniform(low, high, (20, 7))) @ problem.gamma.T
         solver = engine(problem.gamma, problem.sets)
         found = solver.solve(wrenches)
         assert found.attained.all()
-        assert np.abs(solver.gap(wrenches, found.points, found.multipliers)).max() < 1e-9
+        least = solver.least_norm(found.multipliers)
+        missed = ((wrenches - least @ problem.gamma.T) * found.multipliers).sum(axis=1)
+        costs = [0.5 * (points**2).sum(axis=1) for points in (found.points, least)]
+        assert np.abs(costs[0] - costs[1] - missed).max() < 1e-9
 
 
 def test_margin_and_sections_are_bounded_from_both_sides():
     """Of a ball, and of a sphere's shadow, everything is known by hand."""
-    problem = VectoredProblem(np.eye(3), [Sector(np.pi, 2.0, 3)])
+    problem = AllocationProblem(np.eye(3), sets=[Sector(np.pi, 2.0, 3)])
     admissible = AdmissibleSet(problem)
     low, high = problem.attainable_set.margin_bounds(np.array([0.5, 0.0, 0.0]))
     assert low <= 1.5 + 1e-8
@@ -331,7 +334,7 @@ def test_vectors_stay_in_their_sets_and_multipliers_finite(engine):
     rng = np.random.default_rng(WRENCHES)
     for _ in range(length(100, 3000) if engine is sets_newton else length(5, 50)):
         matrix, sets = drawn_sets(rng)
-        middle, wrenches = matrix @ sets.inner, []
+        middle, wrenches = matrix @ sets.middle, []
         for _ in range(12):
             edge = matrix @ sets.farthest(rng.normal(size=len(matrix)) @ matrix)
             wrenches += [middle + share * (edge - middle)
@@ -361,7 +364,7 @@ def test_an_outline_leaves_out_less_than_a_thousandth_of_the_range(name):
         for angle in rng.uniform(0.0, 2.0 * np.pi, 200):
             way = np.zeros(len(start))
             way[rows] = np.array([np.cos(angle), np.sin(angle)]) * size
-            end = start + problem.least_norm.line(start, way).length * way
+            end = start + problem.program.least_norm.line(start, way).length * way
             beyond = (((end[rows] - corners) / size) * away).sum(axis=1).max()
             assert beyond < 1.1e-3, (axes, angle)
 
@@ -432,7 +435,7 @@ BEYOND = [2.26777, 15.01897, 9.66983, -2.55439, 1.86059, 4.72231]
 def test_roll_and_pitch_keep_their_direction_far_beyond_the_set(name):
     rng, allocator = np.random.default_rng(3), make_allocator('exact', Vehicle.load(name))
     problem = allocator.problem
-    if problem.least_norm.engine != 'C':
+    if problem.program.least_norm.engine != 'C':
         pytest.skip('NumPy takes seconds for these')
     rows = [problem.axes.index('roll'), problem.axes.index('pitch')]
     ways = rng.normal(size=(length(3, 20), len(problem.axes))) * problem.extent
@@ -449,7 +452,7 @@ def test_roll_and_pitch_keep_their_direction_far_beyond_the_set(name):
 @pytest.mark.parametrize('engine', ['c', 'numpy'])
 def test_servos_within_their_rates_cross_zero_thrust_without_error(engine, monkeypatch):
     """Two thrusters of the boat pass through zero thrust; their exact angles jump there."""
-    if engine == 'c' and PROBLEMS['azimuth_boat'].least_norm.engine != 'C':
+    if engine == 'c' and PROBLEMS['azimuth_boat'].program.least_norm.engine != 'C':
         pytest.skip('the extension module is not built')
     monkeypatch.setenv('CA_ROS_KERNEL', engine)
     vehicle, period = Vehicle.load('azimuth_boat'), 0.05
@@ -522,7 +525,8 @@ def test_any_command_is_reached_within_the_rates(name):
         forces = vehicle.thrusts(speeds)[:, None] * vehicle.servos.directions(angles)
         problem = answer.problem
         held = np.concatenate([
-            rows @ force for (_, rows), force in zip(problem.windows, forces, strict=True)
+            problem.directions[k : k + each.size] @ force
+            for each, k, force in zip(problem.sets.sets, problem.sets.first, forces, strict=True)
         ])
         assert np.abs(held - problem.clip(held)).max() < 1e-9
 
@@ -551,7 +555,7 @@ def test_baselines_keep_angles_and_thrusts(name):
 def test_c_equals_numpy(name):
     """With the same wrenches, least costs, levels and ends of lines, inside and beyond."""
     problem, rng = PROBLEMS[name], np.random.default_rng(8)
-    solvers = [SetsNewton(problem.gamma, problem.sets), problem.least_norm]
+    solvers = [SetsNewton(problem.gamma, problem.sets), problem.program.least_norm]
     if solvers[1].engine != 'C':
         pytest.skip('the extension module is not built')
     low, high = 1.3 * problem.lower, 1.3 * problem.upper
@@ -600,7 +604,7 @@ def test_allocators_in_c_and_numpy_agree(name, policy, monkeypatch):
 
 def test_the_kernel_refuses_tilts():
     problem = PROBLEMS['tricopter']
-    with pytest.raises(ParameterError, match='not rotors that tilt'):
+    with pytest.raises(TypeError, match='vectors in sets, not numbers within bounds'):
         kernel_for(object, problem, ExactSettings())
 
 

@@ -13,9 +13,8 @@ from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array
 from ca_ros.problem.audit import accept
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.problem.vehicle_problem import problem_of
-from ca_ros.settings import ParameterError, Settings
+from ca_ros.settings import Settings
 from ca_ros.vehicle.vehicle import Vehicle
 
 Subject = Vehicle | AllocationProblem  # what an allocator is for
@@ -61,7 +60,7 @@ class Allocator(ABC):
     guarantees: ClassVar[str] = 'the bounds'
     """What holds for every result, for the same table."""
     takes_vectors: ClassVar[bool] = False
-    """Whether the effectors may be vectors in sets (`VectoredProblem`)."""
+    """Whether the effectors may be vectors in sets, see `AllocationProblem`."""
     engine: str = 'NumPy'
     """What works out the thrusts."""
 
@@ -78,12 +77,9 @@ class Allocator(ABC):
         self.problem = (
             accept(problem).independent if isinstance(problem, Vehicle) else problem_of(problem)
         )
-        if isinstance(self.problem, VectoredProblem) and not self.takes_vectors:
-            raise ParameterError(
-                f'{type(self).__name__} takes effectors that are numbers within bounds, not '
-                'vectors in sets such as rotors that tilt: exact, pseudo_inverse, '
-                'weighted_pseudo_inverse and weighted_least_squares take both'
-            )
+        if not self.takes_vectors:
+            others = 'pseudo_inverse, weighted_pseudo_inverse and weighted_least_squares take both'
+            self.problem.program.refuse_vectors(type(self).__name__, f'exact, {others}')
         self._set_up()
 
     def _set_up(self) -> None:  # noqa: B027 (most methods need it, not all)

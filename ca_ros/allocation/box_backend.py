@@ -1,23 +1,62 @@
-"""The two engines of the exact allocator: the kernel in C, and NumPy.
+"""The backends of the exact allocator for numbers within bounds: the kernel in C, and NumPy."""
 
-Both have the methods `allocate` and `explain` of `ca_ros.kernel.Kernel`.
-"""
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ca_ros.allocation.exact_settings import ExactSettings
-from ca_ros.allocation.explanation import SERVED, limits_of, margin_of
+from ca_ros.allocation.explanation import BY_ORDER, BY_POLICY, Explanation, explained, margin_of
 from ca_ros.allocation.osqp_program import osqp_start
-from ca_ros.allocation.result import Status
+from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.kernel import Kernel
 from ca_ros.problem.limits import Limits, shares
 from ca_ros.problem.prioritization import Prioritization, sensed
-from ca_ros.problem.problem import EXACT_TOLERANCE, AllocationProblem, lengths
-from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.settings import ParameterError
+from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.programs import EXACT_TOLERANCE, lengths
 from ca_ros.solver.least_norm_qp import AIM, DualNewton, Solution
+
+
+class BoxBackend:
+    """What both backends have.
+
+    `allocate(u, demand, thrusts, *bounds)` and `allocate_batch`, if there is one, are those of
+    `ca_ros.kernel.Kernel`, and so is `limits`, its `explain`.
+    """
+
+    engine: str
+    allocate: Any
+    limits: Any
+    allocate_batch: Any = None
+
+    def __init__(self, problem: AllocationProblem) -> None:
+        self._problem = problem
+
+    def explain(self, answer: Allocation) -> Explanation:
+        """Return why an answer is what it is."""
+        m, n = self._problem.gamma.shape
+        numbers, names = np.empty(m * (3 + n)), np.empty((m + 1) * (1 + n), dtype=np.int32)
+        margin = self.limits(
+            answer.demand, answer.thrusts, numbers, names, *(answer.bounds or ()))
+        found = Limits.of(numbers.reshape(m, -1), names.reshape(m + 1, -1))
+        other = BY_POLICY if answer.status is Status.REJECTED else BY_ORDER
+        return explained(
+            self._problem, answer.demand, answer.thrusts, found, margin, [other] * m)
+
+
+class BoxKernel(BoxBackend):
+    """The kernel in C, of a class of `ca_ros.kernel.load`."""
+
+    engine = 'C'
+
+    def __init__(
+        self, kernel: type[Kernel], problem: AllocationProblem, settings: ExactSettings
+    ) -> None:
+        super().__init__(problem)
+        made = kernel_for(kernel, problem, settings)
+        self.allocate, self.allocate_batch = made.allocate, made.allocate_batch
+        self.limits = made.explain
 
 
 def kernel_for(
@@ -27,19 +66,17 @@ def kernel_for(
     """Return a kernel for a problem.
 
     Raises a ValueError if the problem's admissible set has no volume, or a setting does not suit
-    the problem.
+    the problem, or a TypeError if effectors are vectors.
 
     `kernel`: a class of `ca_ros.kernel.load`.  `dtype`: the type of the kernel's numbers.
     """
-    if isinstance(problem, VectoredProblem):
-        raise ParameterError('the C kernel takes numbers within bounds, not rotors that tilt')
-    axes, serving = problem.axes, settings.serving(problem)
+    axes, sets, serving = problem.axes, problem.box.sets, settings.serving(problem)
     named = [[axes[row] for row in group] for group in serving.groups]
     keeps = sensed(named, serving.thrust_deviation)
     preference = settings.preference(problem)
     gamma, lower, upper, start = (
         np.ascontiguousarray(array, dtype)
-        for array in (problem.gamma, problem.lower, problem.upper, serving.reference)
+        for array in (problem.gamma, sets.lower, sets.upper, serving.reference)
     )
     return kernel(
         gamma, lower, upper, start,
@@ -54,22 +91,21 @@ def kernel_for(
     )
 
 
-class NumpyEngine:
+class BoxNumpy(BoxBackend):
     """The NumPy implementation: the reference of the kernel, and its replacement.
 
     With OSQP, Newton's method starts at its answer.
     """
 
+    engine = 'NumPy'
+
     def __init__(self, problem: AllocationProblem, settings: ExactSettings) -> None:
+        super().__init__(problem)
         preference = settings.preference(problem)
-        self._problem, self._status = problem, settings.status
-        self._slack = settings.residual_slack
+        self._status, self._slack = settings.status, settings.residual_slack
         self._serve = Prioritization(problem, *settings.serving(problem))
         self._osqp = osqp_start(problem, preference) if settings.solver == 'osqp' else None
-        self._solver = problem.least_norm
-        self._preference = preference or ()
-        if preference is not None:
-            self._solver = DualNewton(problem.gamma, problem.lower, problem.upper, *preference)
+        self._preference, self._solver = preference, problem.box.solver(preference)
         self._idle = ~problem.gamma.any(axis=0)
 
     def _within(self, *bounds: Array) -> AllocationProblem | None:
@@ -80,24 +116,24 @@ class NumpyEngine:
         same = (lower == self._problem.lower).all() and (upper == self._problem.upper).all()
         return None if same else self._problem.bounded(lower, upper)
 
-    def explain(
+    def limits(  # type: ignore[override]
         self, u: Array, thrusts: Array, numbers: Array, names: NDArray[np.int32], *bounds: Array
     ) -> float:
         """Write why thrusts are the answer to u; see `Kernel.explain`."""
         problem, within = self._problem, self._within(*bounds) or self._problem
-        served = shares(problem, u, problem.gamma @ thrusts, SERVED)
+        served = shares(problem, u, problem.gamma @ thrusts)
         if lengths(u - problem.gamma @ thrusts) <= self._slack * max(1.0, float(lengths(u))):
             served = np.ones_like(served)
         found = Limits.none(served, problem.n)
         if self._status != Status.REJECTED and (served < 1.0).any():
-            found, _ = limits_of(self._serve, within, u, served)
+            found, _ = self._serve.limits(u, served, within)
         numbers.reshape(len(u), -1)[:] = np.column_stack(
             [found.served, found.joint_gain, found.airmode, found.gain])
         names.reshape(len(u) + 1, -1)[:] = np.vstack([
             np.column_stack([found.airmode_blocks, found.blocks]), np.append([0], found.limit)])
         return margin_of(within, u)
 
-    def allocate(
+    def allocate(  # type: ignore[override]
         self, u: Array, demand: Array, thrusts: Array, *bounds: Array
     ) -> tuple[int, float] | None:
         """Copy u to `demand`, and write its thrusts; see `Kernel.allocate`."""
@@ -105,7 +141,7 @@ class NumpyEngine:
         demand[:] = u = problem.check(u)
         if within is not None:
             problem = within
-            solver = DualNewton(problem.gamma, problem.lower, problem.upper, *self._preference)
+            solver = problem.box.solver(self._preference)
         thrusts[:] = solver.unbounded(u)
         if (thrusts == problem.clip(thrusts)).all() and problem.is_exact(u, thrusts, AIM):
             return None

@@ -35,7 +35,8 @@ class Direct(Allocator):
         problem = self.problem
         # Fractional parts of multiples of the golden ratio are far from each other.
         self.cost = 1.0 + np.arange(1, problem.n + 1) * GOLDEN % 1.0
-        self._image = problem.attainable_set
+        problem.check_volume()
+        self._image = problem.box.attainable_set
         cost = self.cost * problem.half_range
         gamma = problem.gamma * problem.half_range / problem.extent[:, None]
         self._simplex = Simplex(np.vstack([gamma, cost / cost.sum()]))
@@ -74,4 +75,4 @@ class Direct(Allocator):
         simplex.push(rows.stop, -1.0)
         shares = np.array(simplex.value[: problem.n])
         thrusts = problem.clip(problem.middle + problem.half_range * shares)
-        return problem.least_norm.settle(thrusts, u, float(problem.tolerance(u)))
+        return problem.box.least_norm.settle(thrusts, u, float(problem.tolerance(u)))

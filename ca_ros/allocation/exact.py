@@ -11,15 +11,12 @@ from numpy import empty, ndarray
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.box_backend import NumpyEngine, kernel_for
+from ca_ros.allocation.backends import backend_of
 from ca_ros.allocation.exact_settings import ExactSettings
-from ca_ros.allocation.explanation import BY_ORDER, BY_POLICY, Explanation, explained
+from ca_ros.allocation.explanation import Explanation
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
-from ca_ros.allocation.sets_backend import VectoredEngine
 from ca_ros.arrays import Array, floats
-from ca_ros.kernel import INVALID, chosen, warn_if_missing
-from ca_ros.problem.limits import Limits
-from ca_ros.problem.vectored import VectoredProblem
+from ca_ros.kernel import INVALID
 
 EXACT = Status.EXACT  # a name of its own is found faster than a member
 new = object.__new__
@@ -79,7 +76,7 @@ class Exact(Allocator):
     Attributes
     ----------
     engine : str
-        'C' if the kernel (`ca_ros.kernel`) solves the problem, or 'NumPy'.
+        'C' if the kernel (`ca_ros.kernel`) solves the problem, or 'NumPy'; see `backend_of`.
 
     Raises
     ------
@@ -97,18 +94,9 @@ class Exact(Allocator):
         problem, settings = self.problem, self.settings
         self._m, self._n = problem.gamma.shape
         self._preference = settings.preference(problem)
-        self._vectored: VectoredEngine | None = None
-        self._engine: Any
-        if isinstance(problem, VectoredProblem):
-            self._vectored = vectored = VectoredEngine(problem, settings)
-            self._engine, self.engine = vectored.kernel() or vectored, vectored.engine
-        elif settings.solver == 'newton' and (kernel := chosen(problem.n, len(problem.axes))):
-            self._engine, self.engine = kernel_for(kernel, problem, settings), 'C'
-        else:
-            self._engine = NumpyEngine(problem, settings)
-        self._solve = self._engine.allocate
-        if self.engine == 'NumPy' and settings.solver == 'newton':
-            warn_if_missing()
+        self._backend = backend_of(problem, settings)
+        self._solve: Any = self._backend.allocate
+        self.engine = self._backend.engine
 
     def __reduce__(self) -> tuple[type[Exact], tuple[object, ...]]:
         # The kernel cannot be copied; its set-up takes microseconds.
@@ -155,27 +143,17 @@ class Exact(Allocator):
             self.problem.check(demand)
         return Allocation(
             self.problem, demand, thrusts, STATUSES[number], level, 0.0, self._preference,
-            (lower, upper), None if answer is None else self._explain,
+            (lower, upper), _explain=None if answer is None else self._explain,
         )
 
     def _explain(self, answer: Allocation) -> Explanation:
-        if self._vectored is not None:
-            return self._vectored.explain(answer)
-        m, n = self.problem.gamma.shape
-        numbers, names = np.empty(m * (3 + n)), np.empty((m + 1) * (1 + n), dtype=np.int32)
-        margin = self._engine.explain(
-            answer.demand, answer.thrusts, numbers, names, *(answer.bounds or ())
-        )
-        found = Limits.of(numbers.reshape(m, -1), names.reshape(m + 1, -1))
-        other = BY_POLICY if answer.status is Status.REJECTED else BY_ORDER
-        return explained(
-            self.problem, answer.demand, answer.thrusts, found, margin, [other] * m)
+        return self._backend.explain(answer)
 
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)
 
     def _allocate_batch(self, demands: Array) -> AllocationBatch:
-        if not hasattr(self._engine, 'allocate_batch'):
+        if self._backend.allocate_batch is None:
             return replace(super()._allocate_batch(demands), preference=self._preference)
         size = len(demands)
         demands = np.ascontiguousarray(demands)
@@ -186,7 +164,7 @@ class Exact(Allocator):
 
         def work(first: int, last: int) -> None:
             part = slice(first, last)
-            self._engine.allocate_batch(
+            self._backend.allocate_batch(
                 demands[part], thrusts[part], status[part], levels[part], None
             )
 

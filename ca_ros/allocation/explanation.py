@@ -2,11 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from ca_ros.arrays import Array, BoolArray
+from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.limits import (
     BY_HEALTH,
@@ -14,20 +13,12 @@ from ca_ros.problem.limits import (
     BY_TILT,
     BY_TILT_RATE,
     TOGETHER,
-    Bound,
     Limits,
-    bounds_of,
-    find_limits,
     shares,
 )
-from ca_ros.problem.prioritization import Prioritization
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.problem.vectored_limits import SERVED as SETS_SERVED
-from ca_ros.problem.vectored_limits import limits_of_vectors
-from ca_ros.problem.vectored_priorities import VectoredPrioritization
 
-SERVED = 1e-9  # residual, as a share of half of the range of an axis, that counts as none
+SHARE_ROUNDING = 1e-9  # of a miss, as a share of the way, beyond which it is more than the way
 BY_ORDER = 'the priorities'
 """What limits an axis that no bound limits: other axes take what the bounds would give."""
 BY_METHOD = 'the method'
@@ -99,7 +90,7 @@ class Explanation(Limits):
 
     def _share(self, axis: int) -> str:
         missed, way = float(self.missed[axis]), (self.demand - self.problem.reference)[axis]
-        if missed * way > 0.0 and abs(missed) <= (1.0 + SERVED) * abs(way):
+        if missed * way > 0.0 and abs(missed) <= (1.0 + SHARE_ROUNDING) * abs(way):
             return f'{100.0 * self.served[axis]:.0f} % served'
         return f'{abs(missed):.3g} {"above" if missed < 0.0 else "below"} its demand'
 
@@ -114,19 +105,14 @@ def explain(
 
     `within`: the problem with the bounds of this answer.  `exact`: whether the demand is served.
     """
-    rounding = SETS_SERVED if isinstance(problem, VectoredProblem) else SERVED
-    served = shares(problem, demand, problem.gamma @ thrusts, rounding)
+    served = shares(problem, demand, problem.gamma @ thrusts)
     found = Limits.none(np.ones_like(served) if exact else served, problem.n)
     margin, others = margin_of(within, demand), [BY_METHOD] * len(served)
     if not problem.has_volume:
         margin = float('nan')
     elif margin < 0.0 and (found.served < 1.0).any():
         serve = AdmissibleSet(problem).check_order(None)
-        if isinstance(serve, VectoredPrioritization):
-            best, again = serve(demand).thrusts, partial(serve.moved, demand)
-            found, misses = limits_of_vectors(serve.problem, demand, best, served, again)
-        else:
-            found, misses = limits_of(serve, within, demand, served)
+        found, misses = serve.limits(demand, served, within, np.zeros(problem.n, bool))
         others = [BY_ORDER if each else BY_METHOD for each in misses]
     return explained(problem, demand, thrusts, found, margin, others)
 
@@ -144,30 +130,3 @@ def explained(
 def margin_of(within: AllocationProblem, demand: Array) -> float:
     """Return the margin of a demand within the bounds of an answer."""
     return float(within.attainable_set.margin(demand)) if within.has_volume else -np.inf
-
-
-def limits_of(
-    serve: Prioritization, within: AllocationProblem, demand: Array, served: Array
-) -> tuple[Limits, BoolArray]:
-    """Return what limits the axes, and which (m,) the priorities do not serve in full.
-
-    `served` (m,): the shares that an answer serves.
-    """
-    problem = serve.problem
-    wrench, thrusts = serve.moved(demand, within, *np.zeros((2, problem.n)))
-    misses = (served < 1.0) & (shares(problem, demand, wrench, SERVED) < 1.0)
-    bounds = bounds_of(problem, within, thrusts)
-    if serve.limits_airmode:
-        bounds.append(Bound(-1, 0, float(problem.extent[problem.axes.index('thrust')])))
-
-    def again(chosen: Sequence[Bound], distance: float) -> Array:
-        # Down, up, and beyond the limit on airmode.
-        ways = np.zeros((3, problem.n))
-        for bound in chosen:
-            ways[{-1: 0, 1: 1, 0: 2}[bound.side], bound.effector] = distance
-        return serve.moved(demand, within, ways[0], ways[1], float(ways[2].max()))[0]
-
-    unit = float(problem.half_range.max())
-    found = find_limits(
-        demand, served, misses, problem.extent, unit, bounds, problem.n, again)
-    return found, misses

@@ -11,7 +11,7 @@ from ca_ros.allocation.weighted_pseudo_inverse import (
     weighted_inverse,
 )
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.problem.problem import EXACT_TOLERANCE
+from ca_ros.problem.programs import EXACT_TOLERANCE
 from ca_ros.vehicle.validation import repeated
 
 

@@ -9,11 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ca_ros.allocation.certificate import Certificate, VectoredCertificate, certify
+from ca_ros.allocation.certificate import Certificate, certify
 from ca_ros.allocation.explanation import Explanation, explain
-from ca_ros.arrays import Array, IntArray
+from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, vehicle_of
+from ca_ros.problem.vehicle_problem import vehicle_of, vehicle_problem
 
 
 class Status(IntEnum):
@@ -63,20 +63,16 @@ class Answer:
 
     @property
     def angles(self) -> Array:
-        """Servo angles (k,) of a vehicle whose rotors tilt, within their limits [rad].
+        """Servo angles (k,) of a vehicle, within their limits [rad]; empty without servos.
 
-        Raises a TypeError if the problem has no such vehicle.
+        Raises a TypeError if the problem has no vehicle.
         """
-        if isinstance(self.problem, TiltingVehicleProblem):
-            return self.problem.angles(self.thrusts)
-        raise TypeError('the rotors of this problem do not tilt')
+        return vehicle_problem(self.problem).angles(self.thrusts)
 
     @property
     def command(self) -> Array:
-        """What a simulated vehicle takes: the speeds, and the angles behind them."""
-        if isinstance(self.problem, TiltingVehicleProblem):
-            return np.concatenate([self.speeds, self.angles])
-        return self.speeds
+        """What a simulated vehicle takes: the speeds, and the angles behind them (n + k,)."""
+        return np.concatenate([self.speeds, self.angles], axis=-1)
 
     @property
     def wrench(self) -> Array:
@@ -94,7 +90,7 @@ class Answer:
         return self.problem.saturation(self.thrusts, self.bounds)
 
     @cached_property
-    def certificate(self) -> Certificate | VectoredCertificate:
+    def certificate(self) -> Certificate:
         """The certificate, computed from the problem's data at the first access."""
         return certify(self.problem, self.demand, self.thrusts, self.preference, self.bounds)
 
@@ -121,6 +117,9 @@ class Allocation(Answer):
     bounds : tuple of two (n,) arrays, or None
         The bounds of this answer [N], if they are narrower than those of the problem: see
         `Allocator.allocate_within`.
+    by_rate : (n,) array, or None
+        Of vectors in sets, whether rates limit their lengths and their tilts: first and second
+        component.
     """
 
     problem: AllocationProblem
@@ -131,12 +130,13 @@ class Allocation(Answer):
     violation: float = 0.0
     preference: tuple[Array, Array] | None = None
     bounds: tuple[Array, Array] | None = None
+    by_rate: BoolArray | None = None
     _explain: Callable[[Allocation], Explanation] | None = field(default=None, repr=False)
 
     def __init__(
         self, problem: AllocationProblem, demand: Array, thrusts: Array, status: Status,
         level: float = 1.0, violation: float = 0.0, preference: tuple[Array, Array] | None = None,
-        bounds: tuple[Array, Array] | None = None,
+        bounds: tuple[Array, Array] | None = None, by_rate: BoolArray | None = None,
         _explain: Callable[[Allocation], Explanation] | None = None,
     ) -> None:
         # The __init__ of a frozen dataclass takes three times as long. Defaults are in the class.
@@ -153,6 +153,8 @@ class Allocation(Answer):
             fields['preference'] = preference
         if bounds is not None:
             fields['bounds'] = bounds
+        if by_rate is not None:
+            fields['by_rate'] = by_rate
         if _explain is not None:
             fields['_explain'] = _explain
 

@@ -1,4 +1,4 @@
-"""The engine of the exact allocator for effectors that are vectors in convex sets."""
+"""The backends of the exact allocator for vectors in convex sets: NumPy, and the kernel in C."""
 
 from functools import cached_property, partial
 from typing import Any
@@ -18,29 +18,31 @@ from ca_ros.arrays import Array
 from ca_ros.kernel.vectored import KernelNewton, fields_of, sets_newton
 from ca_ros.problem.limits import Limits, shares
 from ca_ros.problem.prioritization import airmode_limits
-from ca_ros.problem.problem import EXACT_TOLERANCE, INSIDE, lengths
-from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.problem.vectored_limits import SERVED, limits_of_vectors
-from ca_ros.problem.vectored_priorities import VectoredPrioritization, refuse_limits
+from ca_ros.problem.problem import INSIDE, AllocationProblem
+from ca_ros.problem.programs import EXACT_TOLERANCE, lengths
+from ca_ros.problem.sets_limits import limits_of_vectors
+from ca_ros.problem.sets_prioritization import SetsPrioritization, refuse_limits
 from ca_ros.solver.convex_sets import ConvexSets
+from ca_ros.solver.least_norm_over_sets import SetsNewton
 
 
-class VectoredEngine:
-    """`exact` on a `VectoredProblem`: in C where it is built.
+class SetsNumpy:
+    """The NumPy implementation, whose solvers are in C where they are built.
 
     Newton's method answers attainable wrenches.  On the boundary of the attainable set there may
     be no finite multipliers; there, and for `scale`, the answer is the end of the line to the
     demand, see `ca_ros.solver.least_norm_over_sets`.
     """
 
-    def __init__(self, problem: VectoredProblem, settings: ExactSettings) -> None:
+    allocate_batch: Any = None
+
+    def __init__(self, problem: AllocationProblem, settings: ExactSettings) -> None:
         problem.check_volume()
         self._problem, self._settings = problem, settings
         settings.groups(problem.axes)
         refuse_limits(airmode_limits(settings.airmode_limit))
-        preference = settings.preference(problem)
-        self._solver = problem.least_norm if preference is None else sets_newton(
-            problem.gamma, problem.sets, *preference)
+        program: Any = problem.program
+        self._solver: SetsNewton = program.solver(settings.preference(problem))
         self.engine = self._solver.engine
 
     @cached_property
@@ -60,19 +62,20 @@ class VectoredEngine:
         return np.asarray(middle + min(1.0, INSIDE * reached) * way, float)
 
     @cached_property
-    def _serve(self) -> VectoredPrioritization:
-        return VectoredPrioritization(self._problem, *self._serving[:3], solver=self._solver)
+    def _serve(self) -> SetsPrioritization:
+        return SetsPrioritization(self._problem, *self._serving[:3], solver=self._solver)
 
     def explain(self, answer: Allocation) -> Explanation:
         """Return why an answer is what it is."""
         problem, u = self._problem, answer.demand
-        served = shares(problem, u, answer.wrench, SERVED)
+        served = shares(problem, u, answer.wrench)
         found, other = Limits.none(served, problem.n), BY_ORDER
         if answer.status is Status.REJECTED:
             other = BY_POLICY
         elif (served < 1.0).any():
+            by_rate = np.zeros(problem.n, bool) if answer.by_rate is None else answer.by_rate
             found, _ = limits_of_vectors(
-                problem, u, answer.thrusts, served, partial(self._moved, u))
+                problem, u, answer.thrusts, served, partial(self._moved, u), by_rate)
         margin = margin_of(problem, u)
         return explained(problem, u, answer.thrusts, found, margin, [other] * len(u))
 
@@ -101,14 +104,14 @@ class VectoredEngine:
         }
 
     def kernel(self) -> Any:
-        """Return the same in C, which has `allocate` and `allocate_batch`; None without."""
-        solver, status = self._solver, self._settings.status
+        """Return a `Vectored` of the extension module; None if it has no room for the problem."""
+        solver = self._solver
         if not isinstance(solver, KernelNewton):
             return None
-        fits = solver.prioritizes or status is not Status.PRIORITIZED
+        fits = solver.prioritizes or self._settings.status is not Status.PRIORITIZED
         return solver.with_policy(**self._policy) if fits else None
 
-    def allocate(self, u: Array, demand: Array, thrusts: Array) -> tuple[int, float] | None:
+    def allocate(self, u: Array, demand: Array, thrusts: Array) -> Any:
         """Copy u to `demand`, and write its vectors; see `ca_ros.kernel.Kernel.allocate`."""
         demand[:] = self._problem.check(u)
         thrusts[:], status, level = self._answer(demand)
@@ -141,3 +144,13 @@ class VectoredEngine:
             shares = np.divide(served, way, out=np.ones_like(way), where=way != 0.0)
             level = float(np.clip(shares, 0.0, 1.0).min())
         return line.point, status, level
+
+
+class SetsKernel:
+    """A `Vectored` of the extension module in place of the NumPy implementation."""
+
+    engine = 'C'
+
+    def __init__(self, kernel: Any, other: SetsNumpy) -> None:
+        self.allocate, self.allocate_batch = kernel.allocate, kernel.allocate_batch
+        self.explain = other.explain

@@ -1,23 +1,16 @@
 """Slew limits: allocation within bounds that move with the last command."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.exact import Exact
-from ca_ros.allocation.reach import reached
 from ca_ros.allocation.result import Allocation
-from ca_ros.allocation.tilt_rates import TiltLimited
 from ca_ros.arrays import Array, constant
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
-from ca_ros.settings import ParameterError
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.validation import numbers
-
-PERIOD_MAX = 0.1  # greatest time since the last command in which rotors count as moving [s]
-
-UNLIMITED = 1e9  # a rate that does not limit [rad/s^2, rad/s]
 
 
 class SlewLimited(Allocator):
@@ -58,8 +51,7 @@ class SlewLimited(Allocator):
     ) -> None:
         self.allocator, self.problem = allocator, allocator.problem
         self.settings, self.engine = allocator.settings, allocator.engine
-        if isinstance(self.problem, VectoredProblem):
-            raise ValueError('rates: TiltLimited takes rotors that tilt')
+        self.problem.program.refuse_vectors('SlewLimited', 'TiltLimited takes these')
         if rates is None:
             if (found := rates_of(self.problem)) is None:
                 raise ValueError('rates: the vehicle has no rotors.acceleration_max; give rates')
@@ -110,6 +102,10 @@ class SlewLimited(Allocator):
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)
 
+    def allocate_after(self, u: ArrayLike, command: Array, period: float) -> Allocation:
+        """Allocate one wrench a period [s] after a command (n,)."""
+        return self.allocate(u, command, period)
+
     def reachable(self, last: Array, period: float) -> tuple[Array, Array]:
         """Return the bounds (n,) of the effectors [N] that are reached from the last command."""
         problem = self.problem
@@ -121,52 +117,32 @@ class SlewLimited(Allocator):
         return reached(last, period, self.rates, self.braking, problem.lower, problem.upper)
 
 
-def allocate_next(
-    allocator: Allocator, u: ArrayLike, last: Array, time: int, before: int
-) -> Allocation:
-    """Allocate a wrench within what the rotors reach, if the vehicle has rates.
-
-    - `u` (m,)
-    - `last` (n,): the last command [rad/s], and the angles behind it, if rotors tilt [rad]
-    - `time` and `before`: stamps of this command and the last one [ns].  The time between them
-      counts up to `PERIOD_MAX`, and not at all if it is negative
-    """
-    if '_within_rates' not in vars(allocator):
-        vars(allocator)['_within_rates'] = within_rates(allocator)
-    slow = vars(allocator)['_within_rates']
-    if slow is None:
-        return allocator.allocate(u)
-    commands = np.split(last, [slow.vehicle.n]) if isinstance(slow, TiltLimited) else [last]
-    answer: Allocation = slow.allocate(u, *commands, min(max(time - before, 0) / 1e9, PERIOD_MAX))
-    return answer
-
-
-def within_rates(allocator: Allocator) -> SlewLimited | TiltLimited | None:
-    """Return an allocator within the rates of its vehicle; None if that has none.
-
-    Raises a ParameterError if rotors tilt and the method is not `exact`: no other one keeps their
-    rates.
-    """
-    problem, rates = allocator.problem, rates_of(allocator.problem)
-    if not isinstance(problem, TiltingVehicleProblem):
-        return None if rates is None else SlewLimited(allocator)
-    servos = problem.vehicle.servos
-    turning = servos.rate_max[servos.rotors]
-    if problem.vehicle.powerless or (rates is None and not turning.any()):
-        return None
-    if not isinstance(allocator, Exact):
-        raise ParameterError(
-            f'rotors.acceleration_max, rotors.tilt_rate_max: {type(allocator).__name__} does not '
-            'keep the rates of rotors that tilt; exact does'
-        )
-    up, down = (UNLIMITED, UNLIMITED) if rates is None else rates
-    turning = np.where(turning > 0.0, turning, UNLIMITED)
-    return TiltLimited(problem.vehicle, up, turning, allocator.settings, down)
-
-
 def rates_of(problem: AllocationProblem) -> tuple[Array, Array] | None:
     """Return the greatest accelerations and decelerations (n,) of a vehicle; None without."""
     if not isinstance(problem, VehicleProblem):
         return None
     up, down = problem.vehicle.acceleration_max, problem.vehicle.deceleration_max
     return None if up is None else (up, up if down is None else down)
+
+
+def reached(
+    last: Array, period: Any, up: Array, down: Array, low: Array, high: Array
+) -> tuple[Array, Array]:
+    """Return the least and greatest values (n,) that are reached in a period [s], within bounds.
+
+    `up` is the greatest rate at which a value grows in size, and `down` at which it shrinks, (n,).
+    The kernel computes the same bits (`ca_reach`), in the precision of the arrays.
+    """
+    start = np.minimum(np.maximum(last, low), high)
+    return (
+        np.maximum(_slowed(start, period, up, down), low),
+        np.minimum(-_slowed(-start, period, up, down), high),
+    )
+
+
+def _slowed(start: Array, period: Any, up: Array, down: Array) -> Array:
+    """Return the least values (n,); past zero they grow again, in the other direction."""
+    change = down * period
+    beyond = -up * (period - start / down)
+    braked = np.where(change <= start, start - change, beyond)
+    return np.where(start <= 0.0, start - up * period, braked)

@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.exact_settings import ExactSettings
-from ca_ros.allocation.reach import reached
 from ca_ros.allocation.result import Allocation, Status
+from ca_ros.allocation.slew import reached
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem, joined
 from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import ConvexSet, Interval, Sector
 from ca_ros.vehicle.servos import FIXED, Servos
@@ -91,28 +91,33 @@ class TiltLimited:
         last = numbers('speeds', speeds, self.vehicle.n)
         turned = numbers('angles', angles, len(self._servos.rotors))
         turned = self._servos.within(turned)
-        problem = TiltingVehicleProblem(self.vehicle, self._windows(last, turned, period))
-        problem.near = turned
+        reach = joined(self._reachable(last, turned, period))
+        problem = VehicleProblem(self.vehicle, reach, turned)
         if not problem.has_volume:
             # The period is too short for any change.
             held = problem.clip(problem.middle)
             return Allocation(problem, problem.check(u), held, Status.INEXACT)
         answer = Exact(problem, self.settings).allocate(u)
-        if (problem.sizes(answer.thrusts) <= 1e-9 * self.vehicle.thrust_max).any():
-            slopes = problem.least_norm.solve(answer.wrench[None]).multipliers[0]
-            problem.wanted = problem.forces(slopes @ problem.gamma)
         if answer.status in (Status.PRIORITIZED, Status.SCALED):
-            problem.by_rate = self._limits(answer, problem)
-        return replace(answer, status=Status.RATE_LIMITED) if problem.by_rate.any() else answer
+            by_rate = self._by_rate(answer, problem)
+            if by_rate.any():
+                return replace(answer, status=Status.RATE_LIMITED, by_rate=by_rate)
+        return answer
 
-    def _limits(self, answer: Allocation, problem: TiltingVehicleProblem) -> BoolArray:
-        """Return whose rates an answer on the boundary is at; see `VectoredProblem.by_rate`."""
+    def allocate_after(self, u: ArrayLike, command: Array, period: float) -> Allocation:
+        """Allocate one wrench a period [s] after a command of speeds and angles (n + k,)."""
+        n = self.vehicle.n
+        return self.allocate(u, command[:n], command[n:], period)
+
+    def _by_rate(self, answer: Allocation, problem: VehicleProblem) -> BoolArray:
+        """Return whose rates an answer on the boundary is at; see `Allocation.by_rate`."""
         vehicle, servos = self.vehicle, self._servos
         found = np.zeros(problem.n, dtype=bool)
         low, high = servos.limits
         ends = np.column_stack(problem.sets.length_limits).tolist()
-        places = zip(problem.windows, problem.sets.first, ends, strict=True)
-        for i, ((each, rows), k, (lower, upper)) in enumerate(places):
+        places = zip(problem.sets.sets, problem.sets.first, ends, strict=True)
+        for i, (each, k, (lower, upper)) in enumerate(places):
+            rows = problem.directions[k : k + each.size]
             vector = answer.thrusts[k : k + each.size]
             slack = AT_END * float(vehicle.thrust_max[i])
             above = upper < vehicle.thrust_max[i] - slack
@@ -139,7 +144,7 @@ class TiltLimited:
                 found[k + (each.size > 1)] = True
         return found
 
-    def _windows(
+    def _reachable(
         self, speeds: Array, angles: Array, period: float
     ) -> list[tuple[ConvexSet, Array]]:
         """Return the set of each rotor for the next step, and its directions."""

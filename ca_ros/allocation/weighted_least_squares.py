@@ -11,7 +11,6 @@ from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, constant
 from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vectored import VectoredProblem
 from ca_ros.settings import Numbers, ParameterError, Settings, Words, setting
 from ca_ros.solver.convex_sets import ConvexSets, Interval
 from ca_ros.vehicle.settings import AXES
@@ -103,7 +102,11 @@ class WeightedLeastSquares(Allocator):
             )
         self._matrix = np.vstack([self._scale[:, None] * problem.gamma, np.diag(self.wu)])
         self._lengths = np.sqrt((self._matrix**2).sum(axis=0))
-        if isinstance(problem, VectoredProblem):
+        self._solve = self._over_box
+        if isinstance(problem.sets, ConvexSets):
+            if isinstance(self.settings.preferred, str):
+                # Vectors cannot be preferred outside of their sets.
+                self.preferred = constant(problem.clip(self.preferred))
             # What the wrench misses is one more effector for each axis, as good as unbounded.
             slack = np.diag(1.0 / np.maximum(self._scale, FREE))
             ends = [Interval(-1e9, 1e9)] * len(problem.axes)
@@ -112,16 +115,16 @@ class WeightedLeastSquares(Allocator):
                 np.concatenate([self.wu, np.ones(len(ends))]),
                 np.concatenate([self.preferred, np.zeros(len(ends))]),
             )
+            self._solve = self._over_sets
 
     def _allocate(self, u: Array) -> Allocation:
-        if isinstance(self.problem, VectoredProblem):
-            found = self._newton.solve(u[None])
-            thrusts = found.points[0, : self.problem.n]
-        else:
-            thrusts = self._solve(u)
+        thrusts = self._solve(u)
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts))
 
-    def _solve(self, u: Array) -> Array:
+    def _over_sets(self, u: Array) -> Array:
+        return self._newton.solve(u[None]).points[0, : self.problem.n]
+
+    def _over_box(self, u: Array) -> Array:
         """Minimise |A f - b| within the bounds, from their middles on, as in Paparazzi."""
         problem, matrix = self.problem, self._matrix
         low, high = problem.lower, problem.upper
@@ -190,7 +193,5 @@ def _preferred(preferred: str | Numbers, problem: AllocationProblem) -> Array:
     """Return the preferred thrusts (n,) [N]."""
     if isinstance(preferred, str):
         named = {'zero': np.zeros(problem.n), 'minimum': problem.lower, 'middle': problem.middle}
-        found = named[preferred]
-        # Vectors of tilting rotors cannot be preferred outside of their sets.
-        return constant(problem.clip(found) if isinstance(problem, VectoredProblem) else found)
+        return constant(named[preferred])
     return problem.spread('preferred', preferred, along=True)

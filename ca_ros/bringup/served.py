@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ca_ros.allocation.exact import Exact
+from ca_ros.allocation.rates import PERIOD_MAX, WithinRates
 from ca_ros.allocation.reconfiguration import Reconfiguration
-from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
 from ca_ros.bringup.flight import Flown
 from ca_ros.control.controller import Controller
@@ -106,7 +106,7 @@ def _limit(
     time, speeds = flown.flight.time, flown.flight.speeds
     last = speeds[i - 1] if i else by.vehicle.idle_speeds
     elapsed = time[i] - time[i - 1] if i else PERIOD_MAX
-    answer = allocate_next(allocator, demand, last, round(1e9 * elapsed), 0)
+    answer = WithinRates(allocator).allocate(demand, last, round(1e9 * elapsed), 0)
     exact_flew = flown.parameters.get('allocation.method') == 'exact'
     other = 'a command that came late' if exact_flew else 'the method'
     if exact_flew and time[i] >= min(flown.detected.values(), default=np.inf):

@@ -14,7 +14,7 @@ from ca_ros.firmware.detector import detector_of
 from ca_ros.firmware.export import identifier, write
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import DTYPES
-from ca_ros.firmware.tilting import TiltingFirmware, firmware_of
+from ca_ros.firmware.tilting import firmware_of
 from ca_ros.setting_names import check_given
 from ca_ros.settings import ParameterError, read, table
 from ca_ros.vehicle import files
@@ -32,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         faults = faults_of(vehicle, options.faults)
         firmware = firmware_of(faults, settings.allocation, options.precision)
         detector = detector_of(vehicle, given) if options.detector else None
-        if options.worst_case and isinstance(firmware, TiltingFirmware):
+        if options.worst_case and not firmware.has_margin:
             raise ParameterError('--worst-case: rotors that tilt have another kernel')
         worst = worst_case.found(firmware) if options.worst_case else None
         write(firmware, name, options.out, detector, worst)

@@ -12,13 +12,12 @@ import numpy as np
 
 from ca_ros import kernel
 from ca_ros.allocation.exact_settings import ExactSettings
-from ca_ros.allocation.slew import PERIOD_MAX
+from ca_ros.allocation.rates import PERIOD_MAX
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.firmware import golden, literals, throttles
 from ca_ros.firmware.detector import golden_flight
 from ca_ros.firmware.firmware import DTYPES, LIMIT, Firmware
 from ca_ros.firmware.footprint import instructions, measure
-from ca_ros.firmware.tilting import TiltingFirmware
 from ca_ros.firmware.worst_case import Bounds, Worst
 from ca_ros.problem.controllability import unit
 from ca_ros.settings import ParameterError
@@ -85,13 +84,12 @@ def write(
     out.mkdir(parents=True, exist_ok=True)
     if detector:
         write_detector(detector, name, firmware.precision, out)
-    tilting = isinstance(firmware, TiltingFirmware)
+    kind, tilting = firmware.template, not firmware.has_margin
     _copy(Path(kernel.__file__).parent, TILTING_FILES if tilting else KERNEL_FILES, out)
     _copy(Path(__file__).with_name('templates'), FIXED, out)
     problem, exact, single = firmware.problem, firmware.settings.exact, firmware.single
     measured = f'{name}_allocate{"_within" * (firmware.rates is not None)}'
     core = 'Cortex-M4F' if single else 'Cortex-M7'
-    kind = 'tilting' if tilting else 'vehicle'
     targets = {
         'configuration.h': 'configuration.h', f'{kind}.h': f'{name}.h',
         f'{kind}.c': f'{name}.c', 'golden.h': 'golden.h',

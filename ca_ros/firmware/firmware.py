@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ca_ros.allocation.box_backend import kernel_for
-from ca_ros.allocation.reach import reached
+from ca_ros.allocation.rates import PERIOD_MAX
 from ca_ros.allocation.result import Status
 from ca_ros.allocation.settings import AllocationSettings, full_names
-from ca_ros.allocation.slew import PERIOD_MAX, rates_of
+from ca_ros.allocation.slew import rates_of, reached
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.kernel import INVALID, ROTORS_MAX, Kernel, load
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.thrust_curve import ThrustCurve, root, rotor_speeds
@@ -39,6 +40,11 @@ class Firmware:
     - `settings`: of the vehicle's file
     - `precision` ('single' or 'double')
     """
+
+    template: ClassVar[str] = 'vehicle'
+    """The name of the templates of header, code and README."""
+    has_margin: ClassVar[bool] = True
+    """Whether ``NAME_margin`` is exported."""
 
     faults: Sequence[Fault]
     kernels: Sequence[Kernel]
@@ -155,6 +161,14 @@ class Firmware:
         starts, levels, segments = curve.starts, curve.levels, curve.segments
         return starts.astype(self.dtype), levels.astype(self.dtype), segments.astype(self.dtype)
 
+    def drawn(
+        self, fault: int, rng: np.random.Generator, size: int
+    ) -> tuple[Array, Array, Array]:
+        """Draw wrenches (size, m) inside and on the boundary, and return the centre (m,)."""
+        problem, gamma = self.faults[fault].problem, self.problem.gamma
+        inside = rng.uniform(problem.lower, problem.upper, (size, problem.n)) @ gamma.T
+        return inside, _on_facets(problem, rng, size) @ gamma.T, gamma @ problem.middle
+
     def is_sound(self, fault: int, wrench: Array) -> bool:
         """Tell whether there is such a fault, and a wrench (m,) is finite and not absurd."""
         known = 0 <= fault < len(self.faults)
@@ -232,3 +246,23 @@ class Firmware:
         _, levels, segments = self.segments
         a, b, c = segments[np.searchsorted(levels, ratio, 'right') - 1].T
         return root(a, b, ratio - c)
+
+
+def _on_facets(problem: AllocationProblem, rng: np.random.Generator, size: int) -> Array:
+    """Return thrusts (size, n) of wrenches on random facets of the admissible set.
+
+    On the facet that is parallel to the columns of m - 1 rotors, these have any thrusts, and the
+    others are at the bound on its side.
+    """
+    turning = np.flatnonzero(problem.half_range)
+    columns = ((problem.gamma * problem.half_range / problem.extent[:, None]).T)[turning]
+    free = rng.permuted(np.tile(np.arange(len(turning)), (size, 1)), axis=1)
+    free = free[:, : len(problem.axes) - 1]
+    parallel = columns[free]
+    # The eigenvector of the least eigenvalue is normal to all of them.
+    normals = np.linalg.eigh(np.swapaxes(parallel, 1, 2) @ parallel)[1][:, :, 0]
+    ways = rng.choice([-1.0, 1.0], (size, 1)) * np.sign(normals @ columns.T)
+    np.put_along_axis(ways, free, rng.uniform(-1.0, 1.0, free.shape), axis=1)
+    thrusts = np.tile(problem.middle, (size, 1))
+    thrusts[:, turning] += problem.half_range[turning] * ways
+    return thrusts

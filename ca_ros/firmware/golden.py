@@ -6,8 +6,6 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.firmware.firmware import Firmware
-from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vectored import VectoredProblem
 
 SIZE = 12  # number of wrenches of each kind for each fault
 
@@ -19,20 +17,7 @@ BEYOND = 3.0  # greatest distance of a wrench from the centre over that of the b
 def wrenches(firmware: Firmware, fault: int, size: int, seed: int = 0) -> Array:
     """Return wrenches (3 size, m): attainable ones, then on the boundary, then beyond it."""
     rng = np.random.default_rng((seed, fault))
-    problem = firmware.faults[fault].problem
-    gamma = firmware.problem.gamma
-    if isinstance(problem, VectoredProblem):
-        drawn = problem.clip(rng.uniform(problem.lower, problem.upper, (size, problem.n)))
-        ways = rng.normal(size=(size, len(problem.axes))) @ problem.gamma
-        found = np.zeros((2, size, len(gamma)))
-        found[..., firmware.rows[fault]] = (
-            np.array([drawn, problem.sets.farthest(ways)]) @ problem.gamma.T
-        )
-        beyond = found[1] * rng.uniform(1.0, BEYOND, (size, 1))
-        return np.vstack([*found, beyond]).astype(firmware.dtype)
-    inside = rng.uniform(problem.lower, problem.upper, (size, problem.n)) @ gamma.T
-    on = _on_facets(problem, rng, size) @ gamma.T
-    center = gamma @ problem.middle
+    inside, on, center = firmware.drawn(fault, rng, size)
     beyond = center + rng.uniform(1.0, BEYOND, (size, 1)) * (on - center)
     return np.vstack([inside, on, beyond]).astype(firmware.dtype)
 
@@ -68,10 +53,9 @@ def vectors(firmware: Firmware) -> list[Entry]:
         for wrench in np.vstack([wrenches(firmware, fault, SIZE), special(firmware)])
     ]
     hover = firmware.problem.reference.astype(firmware.dtype)
-    has_margin = not isinstance(firmware.problem, VectoredProblem)
     return [
         (fault, wrench, *firmware.allocate(fault, wrench),
-         *([firmware.margin(fault, wrench)] if has_margin else []))
+         *([firmware.margin(fault, wrench)] if firmware.has_margin else []))
         for fault, wrench in (*given, (-1, hover), (last, hover))
     ]
 
@@ -88,23 +72,3 @@ def effort(firmware: Firmware, size: int, seed: int) -> tuple[int, int]:
         )
     steps, pivots = work.max(axis=(0, 1)).tolist()
     return steps, pivots
-
-
-def _on_facets(problem: AllocationProblem, rng: np.random.Generator, size: int) -> Array:
-    """Return thrusts (size, n) of wrenches on random facets of the admissible set.
-
-    On the facet that is parallel to the columns of m - 1 rotors, these have any thrusts, and the
-    others are at the bound on its side.
-    """
-    turning = np.flatnonzero(problem.half_range)
-    columns = ((problem.gamma * problem.half_range / problem.extent[:, None]).T)[turning]
-    free = rng.permuted(np.tile(np.arange(len(turning)), (size, 1)), axis=1)
-    free = free[:, : len(problem.axes) - 1]
-    parallel = columns[free]
-    # The eigenvector of the least eigenvalue is normal to all of them.
-    normals = np.linalg.eigh(np.swapaxes(parallel, 1, 2) @ parallel)[1][:, :, 0]
-    ways = rng.choice([-1.0, 1.0], (size, 1)) * np.sign(normals @ columns.T)
-    np.put_along_axis(ways, free, rng.uniform(-1.0, 1.0, free.shape), axis=1)
-    thrusts = np.tile(problem.middle, (size, 1))
-    thrusts[:, turning] += problem.half_range[turning] * ways
-    return thrusts

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ca_ros.allocation.sets_backend import VectoredEngine
+from ca_ros.allocation.sets_backend import SetsNumpy
 from ca_ros.allocation.settings import AllocationSettings
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
@@ -16,8 +16,8 @@ from ca_ros.firmware.firmware import Firmware
 from ca_ros.kernel import extension
 from ca_ros.kernel.vectored import made, padded
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
 from ca_ros.settings import ParameterError
+from ca_ros.solver.box import Box
 from ca_ros.vehicle.vehicle import Vehicle
 
 
@@ -43,10 +43,26 @@ class TiltingFirmware(Firmware):
                 f'the rotors have more than 32 components: {components(problem, settings)}, with '
                 f'those of the axes for the policy prioritize'
             )
-        fields = [VectoredEngine(_vectored(f), settings.exact).fields for f in faults]
+        fields = [SetsNumpy(each.problem, settings.exact).fields for each in faults]
         firmware = cls(faults, [made(module, each) for each in fields], settings, precision)
         firmware.__dict__['constants'] = [padded(module, each) for each in fields]
         return firmware
+
+    template = 'tilting'
+    has_margin = False
+
+    def drawn(
+        self, fault: int, rng: np.random.Generator, size: int
+    ) -> tuple[Array, Array, Array]:
+        """Draw wrenches (size, m) inside and on the boundary; return the centre of lines (m,)."""
+        problem, m = self.faults[fault].problem, len(self.problem.axes)
+        inside = problem.clip(rng.uniform(problem.lower, problem.upper, (size, problem.n)))
+        ways = rng.normal(size=(size, len(problem.axes))) @ problem.gamma
+        # The columns of a fault are others than without it.
+        found = np.zeros((2, size, m))
+        found[..., self.rows[fault]] = (
+            np.array([inside, problem.sets.farthest(ways)]) @ problem.gamma.T)
+        return found[0], found[1], np.zeros(m)
 
     @property
     def columns(self) -> int:
@@ -96,7 +112,7 @@ def firmware_of(
     faults: Sequence[Fault], settings: AllocationSettings, precision: str
 ) -> Firmware:
     """Return the firmware of a vehicle, whether its rotors tilt or not; see `Firmware.make`."""
-    kind = TiltingFirmware if len(faults[0].problem.vehicle.servos) else Firmware
+    kind = Firmware if isinstance(faults[0].problem.sets, Box) else TiltingFirmware
     return kind.make(faults, settings, precision)
 
 
@@ -110,8 +126,3 @@ def rated(vehicle: Vehicle) -> str:
     if vehicle.acceleration_max is not None:
         return 'rotors.acceleration_max'
     return 'rotors.tilt_rate_max' if vehicle.servos.rate_max.any() else ''
-
-
-def _vectored(fault: Fault) -> TiltingVehicleProblem:
-    assert isinstance(fault.problem, TiltingVehicleProblem)
-    return fault.problem

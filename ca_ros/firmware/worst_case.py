@@ -34,7 +34,7 @@ def sampled(
 ) -> Array:
     """Return about `size` wrenches (N, m) of all kinds."""
     n, m, count = problem.n, len(problem.axes), size // 12
-    sides = problem.attainable_set.sides
+    sides = problem.box.attainable_set.sides
 
     def given_by(ways: Array) -> Array:
         return (problem.middle + problem.half_range * ways) @ problem.gamma.T

@@ -14,6 +14,7 @@ import numpy as np
 from rclpy.node import Node
 
 from ca_ros.allocation import Allocation
+from ca_ros.allocation.rates import WithinRates
 from ca_ros.allocation.settings import allocator_of
 from ca_ros.arrays import Array, IntArray
 from ca_ros.nodes import topics
@@ -45,6 +46,7 @@ class Effectors:
         self.problem = problem = found[0]
         self.rows = rows_of(problem.axes)
         self.method = allocator_of(settings.allocation, problem)
+        self.within_rates = WithinRates(self.method)
         self.idle, self.lost = problem.clip(problem.resting_thrusts), np.array(False)
         self._wrenches = np.zeros((6, problem.n))
         self._wrenches[self.rows] = problem.gamma

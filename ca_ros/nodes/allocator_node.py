@@ -15,8 +15,8 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros.allocation import ALLOCATORS, Allocation, Status
+from ca_ros.allocation.rates import PERIOD_MAX
 from ca_ros.allocation.settings import check_other_methods
-from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.answers import Answers
@@ -271,7 +271,7 @@ class AllocatorNode(Node):
             if elapsed <= 0:
                 # A clock that stands still, or runs back, says nothing of what rotors reach.
                 elapsed = monotonic_ns() - self._published
-            return allocate_next(made.method, u, self._last, elapsed, 0)
+            return made.within_rates.allocate(u, self._last, elapsed, 0)
         if moment != self._moment:
             # A second wrench with the same stamp replaces the first.
             self._before = self._last, self._moment
@@ -279,7 +279,7 @@ class AllocatorNode(Node):
             # A flight in lockstep begins, maybe after a reset of the simulator.
             self._before = made.idle, -PERIOD_MAX_NS
         last, before = self._before
-        return allocate_next(made.method, u, last, moment, before)
+        return made.within_rates.allocate(u, last, moment, before)
 
     def _refuse(self, why: str) -> None:
         """Leave the rotors to the watchdog, from the first command on."""

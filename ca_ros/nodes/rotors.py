@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 
 from ca_ros.allocation import Allocation, Allocator
+from ca_ros.allocation.rates import WithinRates
 from ca_ros.allocation.settings import allocator_of
-from ca_ros.allocation.slew import within_rates
 from ca_ros.arrays import Array, IntArray
 from ca_ros.nodes.watchdog import fallback
 from ca_ros.problem.audit import Audit
-from ca_ros.problem.vehicle_problem import TiltingVehicleProblem
+from ca_ros.problem.vehicle_problem import vehicle_problem
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.settings import AXES
 
@@ -31,12 +31,10 @@ class Rotors:
     def __init__(self, settings: Any, report: Audit) -> None:
         self.vehicle = report.vehicle
         self.method: Allocator = allocator_of(settings.allocation, report.independent)
-        # This refuses methods that cannot keep the rates.
-        within_rates(self.method)
+        self.within_rates = WithinRates(self.method)
         self.rows = [AXES.index(axis) for axis in self.vehicle.axes]
         self.idle: Array = self.vehicle.idle_command
         self.lost: Any = self.vehicle.lost
-        self._wrenches = rotor_wrenches(self.vehicle)
 
     @property
     def n(self) -> int:
@@ -60,10 +58,8 @@ class Rotors:
 
     def produced(self, answer: Allocation) -> Array:
         """Return force and torque (6,) of an answer [N, N m]."""
-        if isinstance(answer.problem, TiltingVehicleProblem):
-            # With rates, the directions are those of this answer.
-            return answer.problem.wrenches @ answer.thrusts
-        return self._wrenches @ answer.thrusts
+        # With rates, the directions of vectors are those of this answer.
+        return vehicle_problem(answer.problem).wrenches @ answer.thrusts
 
     def held(self, command: Array) -> tuple[Array, IntArray]:
         """Return force and torque (6,) of a command [N, N m], and which rotors are at a bound."""

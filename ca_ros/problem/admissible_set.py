@@ -16,11 +16,10 @@ from ca_ros.problem.prioritization import (
     groups_of,
 )
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.problem.vectored_priorities import AnyPrioritization, prioritization_of
+from ca_ros.problem.sets_prioritization import AnyPrioritization, prioritization_of
 from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.settings import Numbers, ParameterError
-from ca_ros.solver.polytope import Polytope, ordered, section, vertices_of
+from ca_ros.solver.polytope import Polytope, ordered, vertices_of
 from ca_ros.solver.zonotope import Zonotope
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -47,9 +46,8 @@ class AdmissibleSet:
     @property
     def zonotope(self) -> Zonotope:
         """The set as a zonotope; its facets are computed at the first access."""
-        if isinstance(self.problem, VectoredProblem):
-            raise self.problem.no_box()
-        return self.problem.attainable_set
+        self.problem.check_volume()
+        return self.problem.box.attainable_set
 
     @property
     def facets(self) -> tuple[Array, Array]:
@@ -82,33 +80,14 @@ class AdmissibleSet:
         """
         rows = self._rows(axes)
         wrench = self.reference if at is None else self.problem.check(at)
-        if isinstance(self.problem, VectoredProblem):
-            outline = self.problem.attainable_set.section(rows, wrench)
-            return Polytope(tuple(axes), ordered(outline))
-        image = self.zonotope
-        fixed = np.setdiff1d(range(len(self.problem.axes)), rows)
-        # Each axis relative to its range: a torque may be small beside a force.
-        size = self.problem.extent
-        normals = np.vstack([image.normals, -image.normals]) * size
-        lengths = np.linalg.norm(normals, axis=1)
-        normals /= lengths[:, None]
-        widths = np.tile(image.widths, 2) / lengths
-        slacks = widths - normals[:, fixed] @ self.problem.scaled(wrench)[fixed]
-        points = self.center[rows] + size[rows] * section(normals[:, rows], slacks)
-        return Polytope(tuple(axes), ordered(points))
+        return Polytope(tuple(axes), ordered(self.problem.program.section(rows, wrench)))
 
     def projection(self, axes: Sequence[str]) -> Polytope:
         """Project the set to `axes`: let all other axes be anything that is attainable.
 
         Raises a ValueError if an axis is unknown or repeated.
         """
-        rows, problem = self._rows(axes), self.problem
-        if isinstance(problem, VectoredProblem):
-            points = problem.attainable_set.shadow(rows)
-        else:
-            generators = problem.gamma[rows] * problem.half_range
-            points = vertices_of(Zonotope(self.center[rows], generators))
-        return Polytope(tuple(axes), ordered(points))
+        return Polytope(tuple(axes), ordered(self.problem.program.shadow(self._rows(axes))))
 
     def authority(self, u: ArrayLike) -> dict[str, tuple[float, float]]:
         """Return the ends of each axis, by its name, while the others stay at u [N, N m].
@@ -140,10 +119,7 @@ class AdmissibleSet:
 
     def contains(self, u: ArrayLike, tolerance: float = 0.0) -> BoolArray:
         """Tell which wrenches (..., m) lie in the set, up to `tolerance` in the margin."""
-        if isinstance(self.problem, VectoredProblem):
-            wrenches = self.problem.check(u, batch=True)
-            return self.problem.attainable_set.contains(wrenches, tolerance)
-        return self.margin(u) >= -tolerance
+        return self.problem.program.contains(self.problem.check(u, batch=True), tolerance)
 
     def scale(self, u: ArrayLike, scale_reference: ArrayLike | None = None) -> Array:
         """Bring wrenches (..., m) into the set along the straight line to a reference [N, N m].
@@ -195,7 +171,8 @@ class AdmissibleSet:
         served, levels = u.copy(), np.ones(u.shape)
         if u.ndim == 1:
             # For a single wrench, computing all facets would take too long.
-            if self.problem.attains_unbounded(u) or self.problem.attains(u):
+            program = self.problem.program
+            if program.attains_unbounded(u) or program.attains(u):
                 return served, levels
             answer = serve(u)
             return answer.wrenches, answer.levels

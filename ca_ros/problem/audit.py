@@ -1,6 +1,6 @@
 """The audit: which axes a vehicle's rotors can control, and the refusal of a vehicle."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -244,7 +244,6 @@ def audit(vehicle: Vehicle) -> Audit:
     then until hover is inside their admissible set.  Thrust is never given up.  The health of the
     rotors counts.
     """
-    # Of a problem its vehicle: what follows may change the vehicle of the part that is made.
     full = VehicleProblem(
         vehicle if isinstance(vehicle, Vehicle) else vehicle_of(problem_of(vehicle))
     )
@@ -252,7 +251,7 @@ def audit(vehicle: Vehicle) -> Audit:
     hovering = controllability.hovering_part(independent)
     if len(hovering.axes) < len(full.axes) or not full.hovers:
         # The caller accepts or refuses the vehicle by this audit; allocators must not refuse it.
-        independent.vehicle = replace(independent.vehicle, lost_axes='drop')
+        independent = independent.dropping()
     return Audit(
         full=full, independent=independent, controllable=hovering, hovers=full.hovers,
         keeps_hovering=hovering.hovers,

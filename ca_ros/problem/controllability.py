@@ -1,15 +1,13 @@
 """Which axes of a problem the rotors can control: independence, hover, axes to give up."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
-from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.problem.vehicle_problem import VehicleProblem, thrust_sets
 from ca_ros.vehicle.vehicle import Vehicle
 
 EXPENDABLE = ('force_y', 'force_x', 'yaw', 'pitch', 'roll')  # what is given up, in this order
@@ -31,12 +29,9 @@ Axes = tuple[str, ...]
 
 def lift(vehicle: Vehicle) -> tuple[float, float]:
     """Return the least and the greatest mass that the rotors lift, torques ignored [kg]."""
-    if len(vehicle.servos):
-        lifting = VehicleProblem(replace(vehicle, axes=('thrust',)))
-        ends = lifting.center + np.array([-1.0, 1.0]) * lifting.extent
-    else:
-        up = vehicle.rotor_axes[:, 2]
-        ends = np.sort([up * vehicle.thrust_min, up * vehicle.thrust_max], axis=0).sum(axis=1)
+    sets, directions = thrust_sets(vehicle)
+    up = directions[:, 2]
+    ends = np.array([-sets.support(-up), sets.support(up)])
     least, most = ((ends + vehicle.buoyancy) / vehicle.gravity).tolist()
     return least, most
 
@@ -125,10 +120,7 @@ def _give_up(axes: Axes, good: Callable[[Axes], bool]) -> Axes:
 
 def hover_thrusts(problem: VehicleProblem) -> Array:
     """Return the least thrusts (n,) with which the axes of a problem hover [N]."""
-    if isinstance(problem, TiltingVehicleProblem):
-        return problem.least_norm.solve(problem.hover[None]).points[0]
-    tolerance = float(problem.tolerance(problem.hover))
-    return problem.least_norm.solve(problem.hover, tolerance).thrusts
+    return problem.program.thrusts(problem.hover)
 
 
 def spin_torque(full: VehicleProblem, kept: Sequence[str], thrusts: Array) -> float:
@@ -152,10 +144,7 @@ def side_force(problem: VehicleProblem, thrusts: Array) -> Array:
 
     It is zero where the force is an axis of the problem.
     """
-    if isinstance(problem, TiltingVehicleProblem):
-        force = problem.wrenches[:2] @ thrusts
-    else:
-        force = rotor_wrenches(problem.vehicle)[:2] @ thrusts
+    force = problem.wrenches[:2] @ thrusts
     # What an allocation serves is served to rounding.
     served = [axis in problem.axes for axis in ('force_x', 'force_y')]
     least = SIDE_FORCE_MIN * abs(problem.vehicle.weight)
@@ -166,7 +155,7 @@ def authority(problem: VehicleProblem) -> dict[str, tuple[float, float]]:
     """Return the range of each axis around hover with the other axes at hover [N, N m]."""
     ways = np.diag(problem.extent)
     if problem.facet_choices <= STATED_CHOICES_MAX:
-        ends = problem.attainable_set.reach(problem.hover, np.concatenate([-ways, ways]))
+        ends = problem.box.attainable_set.reach(problem.hover, np.concatenate([-ways, ways]))
     else:
         ends = np.array([problem.reach(problem.hover, way) for way in (*-ways, *ways)])
     low, high = (ends.reshape(2, -1) * [[-1.0], [1.0]] * problem.extent).tolist()

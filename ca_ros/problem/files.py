@@ -21,22 +21,26 @@
         policy: scale
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from math import pi
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from ca_ros.setting_names import renamed
 from ca_ros.settings import ParameterError
+from ca_ros.solver.convex_sets import ConvexSet, Interval, Sector
 from ca_ros.vehicle.files import ParameterFile, flatten
 
 ARGUMENTS = (
     'matrix', 'lower', 'upper', 'axes', 'effector_names', 'reference', 'effector_kind',
     'effector_unit', 'axis_units', 'sets',
 )  # fmt: skip
-"""The entries of a file: arguments of `AllocationProblem`, or with sets of its `with_sets`."""
+"""The entries of a file: arguments of `AllocationProblem`; see `sets_of`."""
 
 REQUIRED_KEYS = ('matrix', 'lower', 'upper')
 
+
+SHAPES = {'interval': 1, 'sector': 2, 'cone': 3, 'disc': 2}  # sets in a file, with components
 
 P = TypeVar('P')
 
@@ -76,10 +80,42 @@ def _problem(given: Any, kind: Callable[..., P]) -> P:
     if missing := [name for name in required if given.get(name) is None]:
         raise ParameterError(f'problem.{missing[0]}: missing')
     try:
-        make: Any = kind
-        return cast('P', (make.with_sets if 'sets' in given else make)(**given))
+        if 'sets' in given:
+            given['sets'] = sets_of(given['sets'])
+        return kind(**given)
     except ValueError as error:
         raise ParameterError(f'problem.{error}') from None
+
+
+def sets_of(sets: Sequence[Mapping[str, Any]]) -> list[ConvexSet]:
+    """Return the sets of the entries of a file; a ValueError names what is wrong.
+
+    Each set has one of `SHAPES`: an interval its ends, a sector or cone its half angle [rad] and
+    the `radius`, a disc its radius.  `least` is the least component along the axis.
+    """
+    if not isinstance(sets, Sequence) or not all(isinstance(each, Mapping) for each in sets):
+        raise ValueError(f'sets: expected a list of {", ".join(SHAPES)}, got {sets!r}')
+    found = list[ConvexSet]()
+    for i, each in enumerate(sets):
+        shape = next((name for name in SHAPES if name in each), '')
+        known = {'sector': {'radius', 'least'}, 'cone': {'radius', 'least'}}.get(shape, set())
+        try:
+            if not shape or {*each} - known - {shape} or ('radius' in known) > ('radius' in each):
+                raise ValueError(
+                    f'expected one of {", ".join(SHAPES)}, with the radius of a sector or cone, '
+                    f'got {dict(each)}'
+                )
+            if shape == 'interval':
+                found.append(Interval(*map(float, each[shape])))
+            elif shape == 'disc':
+                found.append(Sector(pi, float(each[shape])))
+            else:
+                least = float(each.get('least', 0.0))
+                given_size = float(each[shape]), float(each['radius']), SHAPES[shape]
+                found.append(Sector(*given_size, least))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f'sets[{i}]: {error}') from None
+    return found
 
 
 def _options(content: Mapping[str, Any]) -> dict[str, Any]:

@@ -70,8 +70,15 @@ class Limits:
         return cls.of(numbers, names)
 
 
-def shares(problem: AllocationProblem, u: Array, wrench: Array, rounding: float) -> Array:
-    """Return the shares (m,) of a demand u that a wrench serves, up to rounding."""
+def shares(
+    problem: AllocationProblem, u: Array, wrench: Array, rounding: float | None = None
+) -> Array:
+    """Return the shares (m,) of a demand u that a wrench serves, up to rounding.
+
+    `rounding`: miss that counts as none, as a share of half of the range; by default that of the
+    programs of the problem.
+    """
+    rounding = problem.program.served_rounding if rounding is None else rounding
     missed, way = np.abs(u - wrench), np.abs(u - problem.reference)
     share = 1.0 - np.divide(missed, way, out=np.ones_like(way), where=missed < way)
     return np.where(missed <= rounding * problem.extent, 1.0, share)
@@ -169,6 +176,35 @@ def find_limits(
             for bound in chosen:
                 _name(found, k, bound, TOGETHER)
     return found
+
+
+def limits_within(
+    problem: AllocationProblem, within: AllocationProblem, u: Array, served: Array,
+    serve: Callable[..., tuple[Array, Array]], airmode: bool,
+) -> tuple[Limits, BoolArray]:
+    """Return what limits the axes, and which (m,) the priorities do not serve in full.
+
+    - `within`: the problem with the bounds of this answer
+    - `served` (m,): the shares that an answer serves
+    - `serve`: see `Prioritization.moved`
+    - `airmode`: whether there is a limit on it
+    """
+    wrench, thrusts = serve(u, within, *np.zeros((2, problem.n)))
+    misses = (served < 1.0) & (shares(problem, u, wrench) < 1.0)
+    bounds = bounds_of(problem, within, thrusts)
+    if airmode:
+        bounds.append(Bound(-1, 0, float(problem.extent[problem.axes.index('thrust')])))
+
+    def again(chosen: Sequence[Bound], distance: float) -> Array:
+        # Down, up, and beyond the limit on airmode.
+        ways = np.zeros((3, problem.n))
+        for bound in chosen:
+            ways[{-1: 0, 1: 1, 0: 2}[bound.side], bound.effector] = distance
+        return serve(u, within, ways[0], ways[1], float(ways[2].max()))[0]
+
+    unit = float(problem.half_range.max())
+    found = find_limits(u, served, misses, problem.extent, unit, bounds, problem.n, again)
+    return found, misses
 
 
 def _name(found: Limits, axis: int, bound: Bound, how: int) -> None:

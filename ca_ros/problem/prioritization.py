@@ -11,6 +11,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
+from ca_ros.problem.limits import Limits, limits_within
 from ca_ros.problem.problem import INSIDE, AllocationProblem
 from ca_ros.settings import Numbers, ParameterError, Settings, setting
 from ca_ros.solver.least_norm_qp import AIM, sum_rounding
@@ -186,6 +187,7 @@ class Prioritization:
         reference: Array | None = None, thrust_deviation: str = THRUST_DEVIATION,
         begin: Array | None = None, airmode_limit: Sequence[float] = AIRMODE,
     ) -> None:
+        problem.check_volume()
         self.problem = problem
         self._first, *self._later = (list(group) for group in groups)
         self._wrench = problem.reference if reference is None else reference
@@ -196,7 +198,7 @@ class Prioritization:
         self._airmode: list[float] | None = None
         # In the simplex the thrusts come before the rows of Gamma.
         self._offset = len(problem.lower)
-        self._start, self._begin = problem.simplex.copy(), [0.0]
+        self._start, self._begin = problem.box.simplex.copy(), [0.0]
         if len(self._first) > 1:
             self._begin = (
                 self._inside() if begin is None else problem.scaled(begin)[self._first].tolist()
@@ -212,7 +214,7 @@ class Prioritization:
 
     def _inside(self) -> list[float]:
         """Return where the line of the first group begins, inside its attainable part."""
-        line, way = self.problem.simplex.copy(), [self._reference[row] for row in self._first]
+        line, way = self.problem.box.simplex.copy(), [self._reference[row] for row in self._first]
         for row in self._first:
             line.release(self._offset + row)
         size = max(map(abs, way)) or 1.0
@@ -246,7 +248,7 @@ class Prioritization:
         goals = static.center + static.extent * reaches[:, n:]
         for i in np.flatnonzero(~problem.is_exact(goals, thrusts, AIM)):
             tolerance = float(problem.tolerance(goals[i]))
-            thrusts[i] = problem.least_norm.settle(thrusts[i], goals[i], tolerance)
+            thrusts[i] = problem.box.least_norm.settle(thrusts[i], goals[i], tolerance)
             served[i] = problem.gamma @ thrusts[i]
         ways = demands - self._wrench
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
@@ -286,10 +288,15 @@ class Prioritization:
         thrusts = problem.middle + self._units * value[:n]
         return problem.center + problem.extent * value[n:], thrusts
 
-    @property
-    def limits_airmode(self) -> bool:
-        """Whether there is a limit on how far thrust rises."""
-        return self._airmode is not None and self._airmode[1] < inf
+    def limits(
+        self, u: Array, served: Array, within: AllocationProblem, by_rate: BoolArray | None = None
+    ) -> tuple[Limits, BoolArray]:
+        """Return what limits the axes; see `limits_within`.
+
+        `by_rate` is not used: the bounds of `within` show what rates limit.
+        """
+        airmode = self._airmode is not None and self._airmode[1] < inf
+        return limits_within(self.problem, within, u, served, self.moved, airmode)
 
     @cached_property
     def _units(self) -> Array:

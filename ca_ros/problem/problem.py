@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from functools import cached_property
-from math import comb, hypot
+from math import hypot
 from pathlib import Path
-from typing import ClassVar, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray, IntArray, constant, floats
 from ca_ros.problem.files import read_problem
+from ca_ros.problem.programs import (
+    EXACT_TOLERANCE,
+    BoxProgram,
+    SetsProgram,
+    lengths,
+    program_of,
+    tolerance,
+)
+from ca_ros.problem.supported_set import SupportedSet
 from ca_ros.settings import Numbers, ParameterError
-from ca_ros.solver.least_norm_qp import DualNewton, meets
-from ca_ros.solver.lexicographic_lp import Simplex
+from ca_ros.solver.box import Box
+from ca_ros.solver.convex_sets import ConvexSet, ConvexSets
+from ca_ros.solver.least_norm_qp import meets
 from ca_ros.solver.zonotope import Zonotope, decomposition
 from ca_ros.vehicle.files import shipped_problems
 from ca_ros.vehicle.validation import ABSURD, different_names, numbers, ordered_bounds, repeated
 from ca_ros.vehicle.vehicle import EFFECTORS_MAX
-
-EXACT_TOLERANCE = 1e-12  # residual of an exact allocation, relative to max(1, |u|)
 
 UNITS_MIN = 1e-6  # least range of an axis, also over the greatest, to judge errors
 INSIDE = 0.99  # greatest share of the way to the boundary at which a line may begin
@@ -30,30 +38,30 @@ INSIDE = 0.99  # greatest share of the way to the boundary at which a line may b
 Part = TypeVar('Part', bound='AllocationProblem')
 
 
-def lengths(vectors: Array) -> Array:
-    """Return the Euclidean lengths (...) of vectors (..., m), faster than NumPy for short ones."""
-    if vectors.ndim == 1:
-        return np.sqrt(vectors.dot(vectors))
-    return np.sqrt(np.einsum('...i,...i->...', vectors, vectors))
-
-
 class AllocationProblem:
-    """Find f with u = B f and lower <= f <= upper (Problem 1, Eqs. (8) and (10)).
+    """Find f with u = B f and each effector in its set (Problem 1, Eqs. (8) and (10)).
 
     B maps the n effectors to m axes.  For a multirotor the effectors are rotors, f are their
     thrusts, and u is the wrench: `ca_ros.problem.vehicle_problem.VehicleProblem` derives its B
     from the geometry.  Here B may come from anywhere, in any units: the effectors may be control
     surfaces, thrusters or wheels, and their bounds may have any sign.
 
+    Without `sets`, each effector is a number f_i with ``lower <= f_i <= upper``.  With them, it is
+    a vector in a convex set: a rotor that tilts about one axis is a vector in a sector, a rotor on
+    a gimbal one in a cone, an azimuth thruster one in a disc, and a rotor that is fixed to the
+    body is a number in an interval.  f are all components of these vectors, in the order of the
+    columns of B.
+
     Parameters
     ----------
     matrix : (m, n) array
-        B, the control effectiveness matrix.
+        B, the control effectiveness matrix; with sets one column for each component.  The first
+        component of a sector is along its axis.
     lower, upper : float or (n,) array
-        Bounds of the effectors.
+        Bounds of the effectors, instead of sets.
     axes, effector_names : sequence of str, optional
-        Names of the m axes and of the n effectors, all different; by default ``axis_1``,
-        ``axis_2`` and so on, and numbers from 1.
+        Names of the m axes and of the effectors, all different; by default ``axis_1``, ``axis_2``
+        and so on, and numbers from 1.
     reference : (m,) array, optional
         The u from which demands are counted; by default zero.  The priorities of the axes, and
         the scaling of an unattainable u, begin there.
@@ -61,11 +69,18 @@ class AllocationProblem:
         What the effectors are called in messages, and their unit in messages and plots.
     axis_units : str or sequence of str
         The unit of all axes, or of each, in plots.
+    sets : sequence of Interval or Sector, optional
+        The set of each effector, with n components together.
 
     Attributes
     ----------
     gamma : (m, n) array
         The control allocation matrix, B [N, N m per N for a vehicle].
+    sets : Box or ConvexSets
+        The product of the sets; `lower` and `upper` (n,) are the least box around it.
+    effector_names, bound_names : tuples of str
+        The name of each component, such as ``3.1`` for the first one of effector 3, and that of
+        its effector.
     resting_thrusts : (n,) array
         Of each effector the value nearest to zero: what a rejected u gets [N].
     middle, half_range : (n,) arrays
@@ -92,20 +107,16 @@ class AllocationProblem:
 
     unit = ''
     """The unit of the effectors in messages, after a space."""
-    reference_rounding: ClassVar[float] = 1e-12
-    """Share of the way to the reference that it has to be away from the boundary to be inside."""
     axis_units: tuple[str, ...] = ()
     advice = ''
     """What the error of a set without volume recommends."""
 
-    with_sets: ClassVar[Callable[..., AllocationProblem]]
-    """Makes the problem of a file with sets; their module, which needs this one, defines it."""
-
     def __init__(
-        self, matrix: ArrayLike, lower: ArrayLike, upper: ArrayLike,
+        self, matrix: ArrayLike, lower: ArrayLike | None = None, upper: ArrayLike | None = None,
         axes: Sequence[str] | None = None, effector_names: Sequence[str] | None = None,
         reference: ArrayLike | None = None, effector_kind: str = 'effectors',
         effector_unit: str = '', axis_units: str | Sequence[str] = '',
+        sets: Sequence[ConvexSet] | None = None,
     ) -> None:
         gamma = numbers('matrix', matrix)
         if gamma.ndim != 2 or 0 in gamma.shape:
@@ -116,10 +127,12 @@ class AllocationProblem:
         m, n = gamma.shape
         if n > EFFECTORS_MAX:
             raise ValueError(f'matrix: expected up to {EFFECTORS_MAX} effectors, got {n}')
-        numbered = [f'axis_{k + 1}' for k in range(m)], [str(i + 1) for i in range(n)]
-        self.axes = different_names('axes', numbered[0] if axes is None else axes, m)
-        given = numbered[1] if effector_names is None else effector_names
-        self.effector_names = different_names('effector_names', given, n)
+        numbered = [f'axis_{k + 1}' for k in range(m)]
+        self.axes = different_names('axes', numbered if axes is None else axes, m)
+        count = n if sets is None else len(sets)
+        numbered = [str(i + 1) for i in range(count)]
+        given = numbered if effector_names is None else effector_names
+        names = different_names('effector_names', given, count)
         if not isinstance(effector_kind, str):
             raise ValueError(f'effector_kind: expected a word, got {effector_kind!r}')
         self.effector_kind = effector_kind
@@ -128,13 +141,23 @@ class AllocationProblem:
         self.axis_units = (axis_units,) * m if alike else tuple(map(str, axis_units))
         if len(self.axis_units) != m:
             raise ValueError(f'axis_units: expected 1 or {m}, got {len(self.axis_units)}')
-        low, high = numbers('lower', lower, n), numbers('upper', upper, n)
-        quoted = [repr(name) for name in self.effector_names]
-        ordered_bounds('lower', 'upper bound', low, high, quoted)
+        if (lower is None, upper is None) != (sets is not None,) * 2:
+            raise TypeError('expected lower and upper, or sets')
+        product: Box | ConvexSets
+        if lower is not None and upper is not None:
+            low, high = numbers('lower', lower, n), numbers('upper', upper, n)
+            quoted = [repr(name) for name in names]
+            ordered_bounds('lower', 'upper bound', low, high, quoted)
+            product = Box(low, high)
+        else:
+            product = ConvexSets(sets or ())
+            if product.n != n:
+                raise ValueError(f'sets: expected {n} components, got {product.n}')
         start = np.zeros(m) if reference is None else numbers('reference', reference)
         if start.shape != (m,):
             raise ValueError(f'reference: expected {m} numbers, got shape {start.shape}')
-        self._fill(gamma, low, high, start)
+        self._fill(gamma, product, start)
+        self._name(names)
         least = UNITS_MIN * max(1.0, float(self.extent.max()))
         if small := [k for k in range(m) if 0.0 < self.extent[k] < least]:
             raise ValueError(
@@ -159,23 +182,43 @@ class AllocationProblem:
             )
         return found[0]
 
-    def _fill(self, gamma: Array, lower: Array, upper: Array, reference: Array) -> None:
+    def _fill(self, gamma: Array, sets: Box | ConvexSets, reference: Array) -> None:
         """Set the numbers, which are sound, and what follows from them."""
-        self.gamma, self.reference = constant(gamma), constant(reference)
-        self.lower, self.upper = constant(lower), constant(upper)
-        self._shape, n = (len(gamma),), len(lower)
-        self.resting_thrusts = constant(self.clip(np.zeros(n)))
-        self.middle = constant((self.lower + self.upper) / 2.0)
+        self.gamma, self.reference, self.sets = constant(gamma), constant(reference), sets
+        self.lower, self.upper = constant(sets.lower), constant(sets.upper)
+        self._shape, self.middle = (len(gamma),), constant(sets.middle)
+        self.center, self.extent = map(constant, sets.image(self.gamma))
+        self.resting_thrusts = constant(sets.project(np.zeros(sets.n)))
         self.half_range = constant((self.upper - self.lower) / 2.0)
-        self.center = constant(self.gamma @ self.middle)
-        self.extent = constant(np.abs(self.gamma * self.half_range).sum(axis=1))
+
+    def _name(self, names: Sequence[str]) -> None:
+        """Name the components by the names of the effectors."""
+        self.effector_names = self.bound_names = tuple(names)
+        if self.sets.n > len(names):
+            pairs = [(name, each.size) for name, each in zip(names, self.sets.sets, strict=True)]
+            self.bound_names = tuple(name for name, size in pairs for _ in range(size))
+            self.effector_names = tuple(
+                name if size == 1 else f'{name}.{k + 1}'
+                for name, size in pairs for k in range(size)
+            )
+
+    @cached_property
+    def program(self) -> BoxProgram | SetsProgram:
+        """The programs over the sets."""
+        return program_of(self.gamma, self.sets, self.center, self.extent)
+
+    @property
+    def box(self) -> BoxProgram:
+        """The programs over numbers within bounds; a TypeError if effectors are vectors."""
+        return self.program.box
 
     def bounded(self, lower: Array, upper: Array) -> AllocationProblem:
-        """Return the problem with other bounds (n,) [N]."""
-        other = AllocationProblem.__new__(AllocationProblem)
-        for name in ('axes', 'effector_names', 'effector_kind', 'unit', 'axis_units'):
+        """Return the problem with other bounds (n,) [N]; a TypeError if effectors are vectors."""
+        other, _ = AllocationProblem.__new__(AllocationProblem), self.box
+        for name in ('axes', 'effector_names', 'bound_names', 'effector_kind', 'unit',
+                     'axis_units'):
             setattr(other, name, getattr(self, name))
-        other._fill(self.gamma, lower, upper, self.reference)
+        other._fill(self.gamma, Box(lower, upper), self.reference)
         return other
 
     def part(self: Part, axes: Sequence[str]) -> Part:
@@ -190,39 +233,25 @@ class AllocationProblem:
             setattr(made, name, constant(getattr(self, name)[rows]))
         return made
 
-    @cached_property
-    def simplex(self) -> Simplex:
-        """The simplex method with thrusts and axes, relative to their middles and half ranges.
-
-        Raises a ValueError if the admissible set has no volume.
-        """
-        self.check_volume()
-        return Simplex(self.gamma * self.half_range / self.extent[:, None])
-
     def scaled(self, u: Array) -> Array:
-        """Return wrenches (..., m) as the rows of `simplex`."""
+        """Return wrenches (..., m) relative to the centre and half ranges of the axes."""
         return (u - self.center) / self.extent
 
     def reach(self, start: Array, direction: Array, limit: float = np.inf) -> float:
         """Return the greatest t <= limit for which ``start + t direction`` is attainable.
 
-        `start` (m,) is in the admissible set; `direction` (m,) [N, N m].
+        `start` (m,) is in the admissible set; `direction` (m,) [N, N m].  Raises a ValueError if
+        the set has no volume.
         """
-        line = self.simplex.copy()
-        rows = range(len(self.lower), len(self.lower) + len(self.axes))
-        line.hold(rows, self.scaled(start).tolist())
-        way = direction / self.extent
-        size = float(np.abs(way).max()) or 1.0
-        length = line.add_ray(rows, (way / size).tolist())
-        line.push(length, limit * size)
-        return line.value[length] / size
+        self.check_volume()
+        return self.program.reach(start, direction, limit)
 
     @cached_property
     def reference_inside(self) -> bool:
         """Whether the reference is inside the admissible set, not on its boundary."""
         begin = self.gamma @ self.middle
         way = self.reference - begin
-        beyond = 1.0 + self.reference_rounding
+        beyond = 1.0 + self.program.reference_rounding
         # Most references are inside or outside by far, which is cheaper to see.
         outside = np.abs(begin + beyond * way - self.center) >= self.extent
         if outside.any() or self._decomposition is None:
@@ -250,34 +279,20 @@ class AllocationProblem:
         return len(self.lower)
 
     @property
-    def bound_names(self) -> Sequence[str]:
-        """The names (n,) of the effectors that bounds belong to."""
-        return self.effector_names
-
-    @property
     def impaired(self) -> IntArray:
         """1 for each effector (n,) whose upper bound is lowered by its health, else 0."""
         return np.zeros(self.n, dtype=np.int32)
 
-    def attains(self, u: Array) -> bool:
-        """Tell whether a wrench (m,) is attainable, up to `tolerance` and rounding errors."""
-        return self.least_norm.solve(u, float(self.tolerance(u))).attained
-
-    def attains_unbounded(self, u: Array) -> bool:
-        """Tell whether the pseudo-inverse of a wrench (m,) satisfies the bounds."""
-        thrusts = self.least_norm.unbounded(u)
-        return bool((thrusts == self.clip(thrusts)).all())
-
-    @cached_property
-    def attainable_set(self) -> Zonotope:
+    @property
+    def attainable_set(self) -> Zonotope | SupportedSet:
         """The admissible set A of Eq. (23); a ValueError if it has no volume."""
         self.check_volume()
-        return Zonotope(self.center, self.gamma * self.half_range)
+        return self.program.attainable_set
 
     @property
     def facet_choices(self) -> int:
         """Number of choices of m - 1 rotors; each may span a facet of `attainable_set`."""
-        return comb(len(self.lower), len(self.axes) - 1)
+        return self.program.facet_choices
 
     @cached_property
     def has_volume(self) -> bool:
@@ -295,11 +310,6 @@ class AllocationProblem:
                 f'the admissible set has no volume: the {self.effector_kind} cannot control '
                 f'{", ".join(self.axes)} independently{self.advice}'
             )
-
-    @cached_property
-    def least_norm(self) -> DualNewton:
-        """The quadratic program of Eqs. (20)-(22)."""
-        return DualNewton(self.gamma, self.lower, self.upper)
 
     def check(self, u: ArrayLike, batch: bool = False, name: str = 'wrench') -> Array:
         """Return wrenches as an (m,) array of floats, or (..., m) if `batch`.
@@ -334,28 +344,31 @@ class AllocationProblem:
     def spread(self, name: str, value: Numbers, along: bool = False) -> Array:
         """Return the numbers (n,) of a setting that has one for all effectors, or one for each.
 
-        Raises a ParameterError if there is another number of them.
+        All components of a vector have the same, or only that `along` its axis.  Raises a
+        ParameterError if there is another number of them.
         """
-        return repeated(name, value, self.n)
+        each = repeated(name, value, len(self.sets.first))[self.sets.owners]
+        return np.where(self.sets.leading, each, 0.0) if along else each
 
     def saturation(self, thrusts: Array, bounds: tuple[Array, Array] | None = None) -> IntArray:
-        """Return (..., n) -1 at the lower and +1 at the upper bound, to rounding; 0 between."""
-        low, high = bounds or (self.lower, self.upper)
-        below, above = (EXACT_TOLERANCE * np.maximum(1.0, np.abs(end)) for end in (low, high))
-        at_upper = (thrusts >= high - above).astype(np.int8)
-        return np.where(thrusts <= low + below, np.int8(-1), at_upper)
+        """Return (..., k) -1 at the least and +1 at the greatest size, to rounding; 0 between.
+
+        `bounds`: those of an answer instead of those of the problem, (n,) each.
+        """
+        sets = self.sets if bounds is None else Box(*bounds)
+        return sets.at_bounds(thrusts, EXACT_TOLERANCE)
 
     def sizes(self, thrusts: Array) -> Array:
-        """Return the thrust (..., k) of each effector for thrusts (..., n): the same."""
-        return thrusts
+        """Return the number of each effector, or the length of its vector, (..., k)."""
+        return self.sets.lengths(thrusts)
 
     def saturate(self, thrusts: Array) -> Array:
-        """Return thrusts (..., n) as rotors saturate: the same as `clip`."""
-        return self.clip(thrusts)
+        """Return thrusts (..., n) as rotors saturate: angle and length clipped, one by one."""
+        return self.sets.saturate(thrusts)
 
     def clip(self, thrusts: Array) -> Array:
-        """Return thrusts (..., n) within their bounds, Eq. (13)."""
-        return np.minimum(np.maximum(thrusts, self.lower), self.upper)
+        """Return thrusts (..., n) within their bounds, Eq. (13), or the nearest of the sets."""
+        return self.sets.project(thrusts)
 
     def residual(self, demands: Array, thrusts: Array) -> Array:
         """Return demands (..., m) minus the wrenches that thrusts (..., n) give [N, N m]."""
@@ -371,7 +384,7 @@ class AllocationProblem:
 
         A residual within the rounding error of Gamma f counts as exact too: see `is_exact`.
         """
-        return EXACT_TOLERANCE * np.maximum(1.0, lengths(u))
+        return tolerance(u)
 
     def is_exact(self, u: Array, thrusts: Array, share: float = 1.0) -> BoolArray:
         """Tell (...) whether thrusts (..., n) produce wrenches (..., m) exactly.

@@ -83,7 +83,7 @@ class SupportedSet:
 
         `rows`: the axes that stay.  `at` (m,): the values of the other axes [N, N m].
         """
-        axes, start = np.diag(self._extent), self._sets.inner
+        axes, start = np.diag(self._extent), self._sets.middle
         others = [row for row in range(len(at)) if row not in rows]
         if others:
             given = sets_newton(self._matrix[others], self._sets).solve(at[None, others])
@@ -140,7 +140,7 @@ class SupportedSet:
 
     def _outside(self, u: Array) -> tuple[float, Array]:
         """Return minus the distance of a wrench from the set, and its direction; 0 inside."""
-        m, n, point = *self._matrix.shape, self._sets.inner
+        m, n, point = *self._matrix.shape, self._sets.middle
         matrix = np.hstack([self._matrix, np.eye(m)])
         reach = 2.0 * float(np.abs(u - self._matrix @ point).max()) + 1.0
         sets = ConvexSets([*self._sets.sets, *[Interval(-reach, reach)] * m])

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import atan2, cos, hypot, pi, sin
 from typing import TypeVar
 
@@ -12,9 +13,8 @@ import numpy as np
 
 from ca_ros.arrays import Array, IntArray
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vectored import VectoredProblem, component_names
+from ca_ros.solver.box import Box
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
-from ca_ros.vehicle.effectiveness import control_allocation_matrix
 from ca_ros.vehicle.servos import FIXED
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
@@ -25,37 +25,53 @@ Part = TypeVar('Part', bound='VehicleProblem')
 class VehicleProblem(AllocationProblem):
     """Find thrusts f with u = Gamma f and f_min <= f <= f_max (Problem 1, Eqs. (8) and (10)).
 
+    The thrust of a rotor that tilts is a vector, whose components are along the middle of its tilt
+    range and across.  From a least thrust above zero on, such vectors are not a convex set.
+    Instead, the component along the middle is at least the least thrust: at the angle a from the
+    middle, the least thrust is 1 / cos a as great.
+
     A problem needs no audit: it may also be made of a vehicle that allocators refuse because it
     cannot control every axis or hover.
 
-    `vehicle`: with its `axes` and the bounds of its thrusts.  The reference is hover.
+    - `vehicle`: with its `axes`, the bounds of its thrusts, and `servos`.  The reference is hover
+    - `thrusts`: the sets of the thrusts, and the directions (n, 3) of their components; by default
+      all that the vehicle can do
+    - `turned` (k,): the servo angles now, if the sets are what is reached from there: the nearest
+      of equivalent angles count, and rotors without thrust turn towards the direction in which
+      thrust would cost least [rad]
+
+    - `wrenches` (6, n): force and torque per unit of each component [N/N, N m/N]
     """
 
     effector_kind = 'rotors'
     unit = ' N'
     advice = ' (see ca_ros.audit)'
 
-    def __new__(cls, vehicle: Vehicle | None = None, *_: object) -> VehicleProblem:
-        """Make a `TiltingVehicleProblem` of a vehicle with rotors that tilt."""
-        tilts = vehicle is not None and len(vehicle.servos)
-        made: VehicleProblem = object.__new__(TiltingVehicleProblem if tilts else cls)
-        return made
-
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(
+        self, vehicle: Vehicle, thrusts: tuple[Box | ConvexSets, Array] | None = None,
+        turned: Array | None = None,
+    ) -> None:
         # A vehicle has sound numbers, in SI units.
-        self.vehicle, self.axes = vehicle, vehicle.axes
-        self.effector_names = tuple(str(i + 1) for i in range(vehicle.n))
-        gamma = control_allocation_matrix(vehicle)
-        self._fill(gamma, vehicle.thrust_min, vehicle.thrust_max, self._weight())
-
-    def _weight(self) -> Array:
-        """Return the wrench (m,) of hover [N, N m]."""
-        return np.array([self.vehicle.weight * (axis == 'thrust') for axis in self.axes])
+        self.vehicle, self.axes, self.turned = vehicle, vehicle.axes, turned
+        sets, self.directions = thrust_sets(vehicle) if thrusts is None else thrusts
+        self.wrenches = vehicle.wrenches
+        if self.directions is not vehicle.rotor_axes:
+            self.wrenches = vehicle.thrust_wrenches(sets.owners, self.directions)
+        gamma = self.wrenches[[AXES.index(axis) for axis in vehicle.axes]]
+        hover = [vehicle.weight * (axis == 'thrust') for axis in vehicle.axes]
+        self._fill(gamma, sets, np.array(hover))
+        self._name([str(i + 1) for i in range(vehicle.n)])
 
     def part(self: Part, axes: Sequence[str]) -> Part:
         """Return the problem of some of its axes, with a vehicle that has these alone."""
         made = super().part(axes)
         made.vehicle = replace(self.vehicle, axes=made.axes)
+        return made
+
+    def dropping(self) -> VehicleProblem:
+        """Return the problem with a vehicle whose `lost_axes` is 'drop'."""
+        made = copy(self)
+        made.vehicle = replace(self.vehicle, lost_axes='drop')
         return made
 
     @property
@@ -73,44 +89,6 @@ class VehicleProblem(AllocationProblem):
         """Whether hover is inside the admissible set, not on its boundary."""
         return self.reference_inside
 
-
-class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
-    """Find the thrust vectors of rotors that tilt, and with them thrusts and servo angles.
-
-    The components of a vector are its thrust along the middle of its tilt range and across.  From
-    a least thrust above zero on, the vectors of a rotor are not a convex set.  Instead, the
-    component along the middle is at least the least thrust: at the angle a from the middle, the
-    least thrust is 1 / cos a as great.
-
-    `vehicle`: with `servos`.
-
-    `wrenches` (6, n): force and torque per unit of each component [N/N, N m/N].  `wanted` (n, 3):
-    directions of rotors without thrust; None: the middles of their sets.  `near` (k,): of
-    equivalent servo angles, those nearest to these count [rad].
-    """
-
-    wanted: Array | None = None
-    near: Array | None = None
-
-    def __init__(
-        self, vehicle: Vehicle, windows: Sequence[tuple[ConvexSet, Array]] | None = None,
-    ) -> None:
-        self.vehicle, self.axes = vehicle, vehicle.axes
-        self.windows = list(thrust_sets(vehicle) if windows is None else windows)
-        self.sets = ConvexSets([each for each, _ in self.windows])
-        names = [str(i + 1) for i in range(vehicle.n)]
-        self.effector_names = tuple(component_names(names, self.sets.sets))
-        owners = [i for i, (each, _) in enumerate(self.windows) for _ in range(each.size)]
-        self.directions = np.concatenate([rows for _, rows in self.windows])
-        self.wrenches = vehicle.thrust_wrenches(owners, self.directions)
-        gamma = self.wrenches[[AXES.index(axis) for axis in vehicle.axes]]
-        self._fill(gamma, self.sets.lower, self.sets.upper, self._weight())
-
-    @property
-    def facet_choices(self) -> int:
-        """There are no facets; a number above all limits, since their work would be great."""
-        return 10**9
-
     def sizes(self, thrusts: Array) -> Array:
         """Return the thrust (..., n) of each rotor, within its bounds."""
         sizes = super().sizes(thrusts)
@@ -121,29 +99,38 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
         return np.add.reduceat(thrusts[:, None] * self.directions, self.sets.first)
 
     def angles(self, thrusts: Array) -> Array:
-        """Return the servo angles (k,) for components (n,) within their limits [rad].
+        """Return the servo angles (..., k) for components (..., n) within their limits [rad]."""
+        if thrusts.ndim > 1:
+            rows = [self.angles(row) for row in thrusts]
+            return np.reshape(rows, (len(thrusts), len(self.vehicle.servos)))
+        return self.vehicle.servos.angles(partial(self._pointed, thrusts), self.turned)
 
-        A rotor without thrust points to the direction in its set that is nearest to `wanted`.
-        """
+    def _pointed(self, thrusts: Array) -> Array:
+        """Return forces (n, 3); of a rotor without thrust a direction in its set."""
         forces = self.forces(thrusts)
         idle = np.einsum('ij,ij->i', forces, forces) <= self._idle
         if idle.any():
+            wanted = np.zeros_like(forces)
+            if self.turned is not None and self.has_volume:
+                slopes, _ = self.program.dual((thrusts @ self.gamma.T)[None])
+                wanted = self.forces(slopes[0] @ self.gamma)
             for i in np.flatnonzero(idle).tolist():
-                forces[i] = self._nearest(i)
-        return self.vehicle.servos.angles(forces, self.near)
+                forces[i] = self._nearest(i, wanted[i])
+        return forces
 
     @cached_property
     def _idle(self) -> Array:
         """The squares (n,) of the thrusts below which a rotor's has no direction [N^2]."""
         return np.square(IDLE * np.maximum(1.0, self.vehicle.thrust_max))
 
-    def _nearest(self, rotor: int) -> Array:
-        """Return the direction in a rotor's set that is nearest to the wanted one."""
-        each, rows = self.windows[rotor]
-        if self.wanted is None or each.size == 1 or not self.wanted[rotor].any():
+    def _nearest(self, rotor: int, wanted: Array) -> Array:
+        """Return the direction in a rotor's set that is nearest to the wanted one (3,)."""
+        each, first = self.sets.sets[rotor], self.sets.first[rotor]
+        rows = self.directions[first : first + each.size]
+        if each.size == 1 or not wanted.any():
             return rows[0]
         assert isinstance(each, Sector)
-        along, *rest = (rows @ self.wanted[rotor]).tolist()
+        along, *rest = (rows @ wanted).tolist()
         across = hypot(*rest)
         angle = min(atan2(across, along), each.half_angle)
         side = np.array(rest) / across if across > 0.0 else np.zeros(len(rest))
@@ -153,9 +140,11 @@ class TiltingVehicleProblem(VectoredProblem, VehicleProblem):
 IDLE = 1e-12  # thrust, as a share of the greatest, below which it has no direction
 
 
-def thrust_sets(vehicle: Vehicle) -> list[tuple[ConvexSet, Array]]:
-    """Return the set of each rotor's thrust vectors, and the directions of its components."""
+def thrust_sets(vehicle: Vehicle) -> tuple[Box | ConvexSets, Array]:
+    """Return the sets of the thrusts of a vehicle, and the directions (n, 3) of the components."""
     servos, found = vehicle.servos, list[tuple[ConvexSet, Array]]()
+    if not len(servos):
+        return Box(vehicle.thrust_min, vehicle.thrust_max), vehicle.rotor_axes
     middles, quarters = servos.middles
     limits = zip(vehicle.thrust_min.tolist(), vehicle.thrust_max.tolist(), strict=True)
     for i, (least, most) in enumerate(limits):
@@ -168,7 +157,12 @@ def thrust_sets(vehicle: Vehicle) -> list[tuple[ConvexSet, Array]]:
         else:
             half = pi if span > pi + FIXED else min(span / 2.0, pi / 2)
             found.append((Sector(half, most, 2, least), rows[:2]))
-    return found
+    return joined(found)
+
+
+def joined(found: Sequence[tuple[ConvexSet, Array]]) -> tuple[ConvexSets, Array]:
+    """Return the product of sets, and the directions of all their components."""
+    return ConvexSets([each for each, _ in found]), np.concatenate([rows for _, rows in found])
 
 
 def problem_of(problem: Vehicle | AllocationProblem) -> AllocationProblem:
@@ -183,8 +177,13 @@ def problem_of(problem: Vehicle | AllocationProblem) -> AllocationProblem:
     raise TypeError(f'expected a Vehicle or an AllocationProblem, got {problem!r}')
 
 
+def vehicle_problem(problem: AllocationProblem) -> VehicleProblem:
+    """Return the problem of a vehicle itself; raise a TypeError if it is another one."""
+    if isinstance(problem, VehicleProblem):
+        return problem
+    raise TypeError('this problem has no vehicle: its effectors have no rotor speeds')
+
+
 def vehicle_of(problem: AllocationProblem) -> Vehicle:
     """Return the vehicle of a problem; raise a TypeError if it has none."""
-    if isinstance(problem, VehicleProblem):
-        return problem.vehicle
-    raise TypeError('this problem has no vehicle: its effectors have no rotor speeds')
+    return vehicle_problem(problem).vehicle

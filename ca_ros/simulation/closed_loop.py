@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ca_ros.allocation import Allocator
+from ca_ros.allocation import Allocation, Allocator
+from ca_ros.allocation.rates import PERIOD_MAX, WithinRates
 from ca_ros.allocation.reconfiguration import Reconfiguration
-from ca_ros.allocation.slew import PERIOD_MAX, allocate_next
 from ca_ros.arrays import Array
 from ca_ros.control.controller import Controller
 from ca_ros.control.trajectory import Trajectory
@@ -57,9 +57,17 @@ def waypoint_changes(trajectory: Trajectory) -> list[Change]:
 class Pilot:
     """The controller and the allocator of a flight, as they are in force."""
 
-    def __init__(self, controller: Controller, allocator: Allocator) -> None:
-        self.controller, self.allocator = controller, allocator
+    def __init__(self, controller: Controller, allocator: Allocator | WithinRates) -> None:
+        self._within = allocator if isinstance(allocator, WithinRates) else None
+        self.controller = controller
+        self.allocator = allocator.allocator if isinstance(allocator, WithinRates) else allocator
         self._believed: Believed | None = None
+
+    def allocate(self, u: Array, last: Array, time: int, before: int) -> Allocation:
+        """Allocate a wrench after the last command; see `WithinRates`."""
+        if self._within is None or self._within.allocator is not self.allocator:
+            self._within = WithinRates(self.allocator)
+        return self._within.allocate(u, last, time, before)
 
     def take(self, change: Change) -> None:
         """Take what a change says of the rotors."""
@@ -155,7 +163,7 @@ def fly(
         last = commands[-1] if commands else plant.body.vehicle.idle_command
         # Before the first command the rotors have all the time that counts.
         before = now - step_ns if commands else now - round(1e9 * PERIOD_MAX)
-        command = allocate_next(pilot.allocator, wrench, last, now, before).command
+        command = pilot.allocate(wrench, last, now, before).command
         if detection:
             detection.command(now, command)
         states.append(state)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, IntArray
 
 THIN = 1e-9  # half angle below which a sector is an interval along its axis [rad]
 
@@ -86,14 +86,18 @@ class ConvexSets:
 
     - `n`: number of components
     - `first`: the first component of each set
+    - `owners` (n,): the set of each component
+    - `leading` (n,): which components are the first of their set
     - `lower` and `upper` (n,): the least box around the product
-    - `inner` (n,): a point inside all sets
+    - `middle` (n,): a point inside all sets
     """
 
     def __init__(self, sets: Sequence[ConvexSet]) -> None:
         self.sets = tuple(sets)
         ends = np.cumsum([0, *(each.size for each in sets)])
         self.n, self.first = int(ends[-1]), ends[:-1].tolist()
+        self.owners = np.repeat(np.arange(len(self.sets)), [each.size for each in sets])
+        self.leading = np.diff(self.owners, prepend=-1) > 0
         placed = list(zip(self.sets, self.first, strict=True))
         intervals = [(each, k) for each, k in placed if isinstance(each, Interval)]
         self._line = np.array([k for _, k in intervals], int)
@@ -103,15 +107,15 @@ class ConvexSets:
         sectors = [(each, k) for each, k in placed if isinstance(each, Sector)]
         groups = [[pair for pair in sectors if pair[0].size == size] for size in (2, 3)]
         self._groups = [_Sectors(group) for group in groups if group]
-        self.lower, self.upper, self.inner = np.zeros((3, self.n))
+        self.lower, self.upper, self.middle = np.zeros((3, self.n))
         self.lower[self._line], self.upper[self._line] = self._low, self._high
-        self.inner[self._line] = 0.5 * (self._low + self._high)
+        self.middle[self._line] = 0.5 * (self._low + self._high)
         for group in self._groups:
             along, across = group.places[:, 0], group.places[:, 1:]
             self.lower[along], self.upper[along], width = group.box
             self.upper[across] = width[:, None]
             self.lower[across] = -self.upper[across]
-            self.inner[along] = group.middle
+            self.middle[along] = group.middle
 
     def project(self, points: Array) -> Array:
         """Return the nearest points (..., n) of the sets."""
@@ -193,6 +197,19 @@ class ConvexSets:
             for each in self.sets
         ]).T
         return low, high
+
+    def at_bounds(self, points: Array, rounding: float) -> IntArray:
+        """Return (..., k) -1 at the least and +1 at the greatest length of each effector."""
+        sizes, (low, high) = self.lengths(points), self.length_limits
+        off = rounding * np.maximum(1.0, high)
+        at_upper = (sizes >= high - off).astype(np.int8)
+        return np.where(sizes <= low + off, np.int8(-1), at_upper)
+
+    def image(self, matrix: Array) -> tuple[Array, Array]:
+        """Return the middle and half of the range of each component (m,) of ``matrix @ x``."""
+        most, least = np.split(self.support(np.concatenate([matrix, -matrix])), 2)
+        least = -least
+        return (most + least) / 2.0, (most - least) / 2.0
 
     def lengths(self, points: Array) -> Array:
         """Return the length (..., k) of each effector's vector; of an interval its number."""

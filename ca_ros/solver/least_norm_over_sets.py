@@ -87,15 +87,6 @@ class SetsNewton:
         """Return the points (..., n) with the least cost for multipliers (..., m)."""
         return self.sets.project(self.preferred + multipliers @ self.matrix / self.weights**2)
 
-    def gap(self, u: Array, points: Array, multipliers: Array) -> Array:
-        """Return the duality gap (...): points cost at most this more than any others for u."""
-        least = self.least_norm(multipliers)
-        missed = u - least @ self.matrix.T
-        costs = [0.5 * ((self.weights * (x - self.preferred)) ** 2).sum(-1)
-                 for x in (points, least)]
-        # The gap cannot be negative; where it seems to be, it is a rounding error.
-        return np.maximum(costs[0] - costs[1] - (multipliers * missed).sum(-1), 0.0)
-
     def solve(self, wrenches: Array) -> SetsSolution:
         """Find the points of least cost that produce wrenches (K, m)."""
         rows = [self._solve(u, self.coordinates @ (u - self.matrix @ self.preferred))

@@ -150,7 +150,7 @@ class DualNewton:
         low, high = deviations <= self._low, deviations >= self._high
         return np.where(low, self.lower, np.where(high, self.upper, thrusts))
 
-    def least_norm_thrusts(self, multipliers: Array) -> Array:
+    def least_norm(self, multipliers: Array) -> Array:
         """Return the least-norm thrusts (..., n) for multipliers (..., m) [N]."""
         slopes = multipliers @ self.matrix
         return self.clip(self._preferred + slopes / (self._weights * self._weights))

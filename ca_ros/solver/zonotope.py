@@ -73,6 +73,16 @@ class Zonotope:
         ends = (self.widths - np.sign(rates) * height) / np.where(slanted, np.abs(rates), 1.0)
         return np.where(slanted, ends, np.inf).min(axis=-1)
 
+    def nearest_facet(self, u: Array) -> Array:
+        """Return the sign of each generator (..., n) on the facet with the least slack.
+
+        At its end (+1 or -1), or free (0), for points (..., m).
+        """
+        heights = (u - self.center) @ self.normals.T
+        nearest = np.argmin(self.widths - np.abs(heights), axis=-1)
+        side = np.take_along_axis(np.sign(heights), nearest[..., None], axis=-1)
+        return np.sign(side * self.sides[nearest]).astype(np.int8)
+
     def slanted(self, rates: Array, directions: Array) -> BoolArray:
         """Tell which rates ``directions @ normals.T`` (..., k) are more than rounding errors."""
         size = np.abs(directions / self._extent).max(axis=-1)

@@ -4,8 +4,6 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
-from ca_ros.problem.vectored import VectoredProblem
-from ca_ros.settings import ParameterError
 
 BLOCK = 1000  # samples of one seed, so that sample i depends on seed and i alone
 
@@ -21,14 +19,7 @@ DEPTHS = (1e-3, 1e-6, 1e-9)  # of `near_boundary`, relative to the distance from
 
 def gauge(admissible: AdmissibleSet, wrenches: Array) -> Array:
     """Return how far out wrenches (..., m) are: 0 at the centre, 1 on the boundary."""
-    problem, center = admissible.problem, admissible.center
-    if isinstance(problem, VectoredProblem):
-        ways = wrenches.reshape(-1, wrenches.shape[-1]) - center
-        shares = [1.0 / problem.reach(center, way) if way.any() else 0.0 for way in ways]
-        return np.reshape(shares, wrenches.shape[:-1])
-    zonotope = admissible.zonotope
-    heights = np.abs((wrenches - zonotope.center) @ zonotope.normals.T)
-    return (heights / zonotope.widths).max(axis=-1)
+    return admissible.problem.program.gauge(wrenches)
 
 
 def samples(admissible: AdmissibleSet, sampling: str, seed: int, start: int, stop: int) -> Array:
@@ -42,8 +33,7 @@ def samples(admissible: AdmissibleSet, sampling: str, seed: int, start: int, sto
 def _block(admissible: AdmissibleSet, sampling: str, rng: np.random.Generator) -> Array:
     problem, center = admissible.problem, admissible.center
     if sampling == 'thrusts':
-        if isinstance(problem, VectoredProblem):
-            raise ParameterError('sampling thrusts: expected effectors that are numbers in bounds')
+        problem.program.refuse_vectors('the sampling thrusts', 'volume takes both')
         return rng.uniform(problem.lower, problem.upper, (BLOCK, problem.n)) @ problem.gamma.T
     wrenches = admissible.sample(rng, BLOCK)
     if sampling in ('boundary', 'outside'):

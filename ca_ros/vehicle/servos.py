@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import pi
@@ -17,6 +18,9 @@ from ca_ros.vehicle.validation import repeated
 FIXED = 1e-9  # range of a tilt angle below which a rotor is fixed [rad]
 
 ROUNDING = 1e-6  # how far limits may be off half a circle or a circle [rad]
+
+
+NO_ANGLES = constant(np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,16 +138,19 @@ class Servos:
         cosine, sine = np.cos(betas)[:, None], np.sin(betas)[:, None]
         return cosine * self.turned(alphas)[0] + sine * self.axes
 
-    def angles(self, forces: Array, near: Array | None = None) -> Array:
+    def angles(self, forces: Callable[[], Array], near: Array | None = None) -> Array:
         """Return servo angles (k,) within their limits that point rotors along forces (n, 3).
 
-        A direction out of reach is replaced by the nearest limit.  Of equivalent angles, that
-        which is nearest to `near` (k,) counts, by default to the middle of the range.
+        The forces are computed only if there are servos.  A direction out of reach is replaced by
+        the nearest limit.  Of equivalent angles, that which is nearest to `near` (k,) counts, by
+        default to the middle of the range.
         """
+        if not self.rotors:
+            return NO_ANGLES
         owners, frames, middle = self._frames
         if near is not None:
             middle = near
-        along, side, across = np.einsum('kj,akj->ak', forces.take(owners, 0), frames)
+        along, side, across = np.einsum('kj,akj->ak', forces().take(owners, 0), frames)
         found = middle + (np.arctan2(side, along) - middle + pi) % (2.0 * pi) - pi
         if len(found) > len(self.planar):
             betas = np.arctan2(across, np.hypot(along, side))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ca_ros.arrays import Array, BoolArray, constant, floats, is_constant
 from ca_ros.setting_names import check_given
@@ -300,7 +300,9 @@ class Vehicle:
         """Force and torque (6, n) of `rotor_wrenches`, servos at the angle zero."""
         return constant(self.thrust_wrenches(slice(None), self.rotor_axes))
 
-    def thrust_wrenches(self, rotors: Sequence[int] | slice, directions: Array) -> Array:
+    def thrust_wrenches(
+        self, rotors: Sequence[int] | NDArray[np.intp] | slice, directions: Array
+    ) -> Array:
         """Return as `wrenches` (6, k) for thrusts of rotors (k,) with directions (k, 3)."""
         ratio = self.torque_coefficient / self.thrust_coefficient
         (x, y, z), (a, b, c) = self.arms[rotors].T, directions.T

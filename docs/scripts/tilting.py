@@ -27,7 +27,7 @@ from ca_ros.firmware.command import checked
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.tilting import firmware_of
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import TiltingVehicleProblem, VehicleProblem
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.simulation.closed_loop import waypoint_changes
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.studies.cases import Case
@@ -43,7 +43,7 @@ SHOWN = '`hexarotor_tilting`'  # the vehicle on the page
 PERIOD, TILT_RATE, SPEED_RATE = 0.02, 3.0, 400.0
 
 
-def sequential(problem: TiltingVehicleProblem, u: np.ndarray) -> np.ndarray:
+def sequential(problem: VehicleProblem, u: np.ndarray) -> np.ndarray:
     """Return the vectors that SciPy's SLSQP finds, from the clipped pseudo-inverse."""
     sectors = [
         (slice(k, k + each.size), each.radius, each.half_angle)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ca_ros.allocation import Allocation, Allocator
-from ca_ros.allocation.slew import within_rates
+from ca_ros.allocation.rates import WithinRates
 from ca_ros.arrays import Array
 from ca_ros.control.controller import Controller
 from ca_ros.control.trajectory import Trajectory
@@ -119,19 +119,16 @@ MANOEUVRES: dict[str, Callable[[np.random.Generator, int], Manoeuvre]] = {
 """By the names of ``dynamic_study --manoeuvres``."""
 
 
-class Counter:
-    """An allocator that counts inexact answers."""
+class Counter(WithinRates):
+    """An allocator within the rates of its vehicle that counts inexact answers."""
 
     def __init__(self, allocator: Allocator) -> None:
-        slow = within_rates(allocator)
-        self._allocator: Any = slow or allocator
-        # With rates, `allocate_next` gives this object the last command and the time, too.
-        self.problem, self._within_rates = allocator.problem, slow and self
+        super().__init__(allocator)
         self.counts = {'inexact': 0}
 
-    def allocate(self, u: Array, *last: Any) -> Allocation:
-        """Allocate one wrench; with rates from the last command in a time, see `SlewLimited`."""
-        answer: Allocation = self._allocator.allocate(u, *last)
+    def allocate(self, *given: Any) -> Allocation:
+        """Allocate one wrench; see `WithinRates`."""
+        answer = super().allocate(*given)
         self.counts['inexact'] += bool(answer.status)
         return answer
 

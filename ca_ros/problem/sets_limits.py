@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import pi
+from typing import Any
 
 import numpy as np
 
@@ -21,10 +22,9 @@ from ca_ros.problem.limits import (
     find_limits,
     shares,
 )
-from ca_ros.problem.vectored import VectoredProblem
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
 
-SERVED = 1e-6  # residual, as a share of half of the range of an axis, that counts as none
 AT_BOUND = 1e-5  # distance from a bound that counts as none, as a share of the greatest length
 ARC_MIN = 0.05  # least angle of which a tilt moves by a share [rad]
 
@@ -33,18 +33,19 @@ STEPS = Steps(near=1e-3, far=4e-3, least=5e-3, same=1e-2)
 
 
 def limits_of_vectors(
-    problem: VectoredProblem, demand: Array, thrusts: Array, served: Array,
-    serve: Callable[[ConvexSets], Array],
+    problem: AllocationProblem, demand: Array, thrusts: Array, served: Array,
+    serve: Callable[[ConvexSets], Array], by_rate: BoolArray,
 ) -> tuple[Limits, BoolArray]:
     """Return what limits the axes, and which (m,) the priorities do not serve in full.
 
     - `thrusts` (n,): vectors that give what the priorities serve
     - `served` (m,): the shares that an answer serves
     - `serve`: returns the wrench (m,) that the priorities serve with other sets
+    - `by_rate` (n,): whether rates limit the length, or the tilt, of the components' vectors
     """
-    sets = problem.sets
+    sets: Any = problem.sets
     wrench = serve(sets)
-    misses = (served < 1.0) & (shares(problem, demand, wrench, SERVED) < 1.0)
+    misses = (served < 1.0) & (shares(problem, demand, wrench) < 1.0)
 
     def again(chosen: Sequence[Bound], distance: float) -> Array:
         if not chosen:
@@ -57,18 +58,18 @@ def limits_of_vectors(
 
     unit = float(sets.length_limits[1].max())
     found = find_limits(
-        demand, served, misses, problem.extent, unit, bounds_of_vectors(problem, thrusts),
+        demand, served, misses, problem.extent, unit, bounds_of_vectors(problem, thrusts, by_rate),
         problem.n, again, STEPS)
     for k in np.flatnonzero(misses & ~found.blocks.any(axis=1)).tolist():
         for i, how in _held_in_direction(problem, demand, thrusts, k, serve).items():
             tilt = sets.first[i] + 1
             found.blocks[k, tilt] = how
-            found.limit[tilt] = BY_TILT_RATE if problem.by_rate[tilt] else BY_TILT
+            found.limit[tilt] = BY_TILT_RATE if by_rate[tilt] else BY_TILT
     return found, misses
 
 
 def _held_in_direction(
-    problem: VectoredProblem, demand: Array, thrusts: Array, axis: int,
+    problem: AllocationProblem, demand: Array, thrusts: Array, axis: int,
     serve: Callable[[ConvexSets], Array],
 ) -> dict[int, int]:
     """Return the sets of length zero that bring an axis nearer if they have any direction.
@@ -103,7 +104,9 @@ def _held_in_direction(
     return dict.fromkeys(chosen, TOGETHER)
 
 
-def bounds_of_vectors(problem: VectoredProblem, thrusts: Array) -> list[Bound]:
+def bounds_of_vectors(
+    problem: AllocationProblem, thrusts: Array, by_rate: BoolArray
+) -> list[Bound]:
     """Return the bounds of the sets that vectors (n,) are at.
 
     Those of the length have the first component of a set, that of the tilt the second.  The tilt
@@ -113,24 +116,24 @@ def bounds_of_vectors(problem: VectoredProblem, thrusts: Array) -> list[Bound]:
     slack = AT_BOUND * longest
     for each, k in zip(problem.sets.sets, problem.sets.first, strict=True):
         vector = thrusts[k : k + each.size]
-        by_rate, tilt_by_rate = problem.by_rate[[k, k + (each.size > 1)]].tolist()
+        limited, tilt_limited = by_rate[[k, k + (each.size > 1)]].tolist()
         if isinstance(each, Interval):
             half = (each.upper - each.lower) / 2.0
-            above = BY_HEALTH if each.lower == each.upper and not by_rate else BY_BOUND
+            above = BY_HEALTH if each.lower == each.upper and not limited else BY_BOUND
             if vector[0] >= each.upper - slack:
-                found.append(Bound(k, 1, half or longest, BY_RATE if by_rate else above))
+                found.append(Bound(k, 1, half or longest, BY_RATE if limited else above))
             if vector[0] <= each.lower + slack and half:
-                found.append(Bound(k, -1, half, -BY_RATE if by_rate else -BY_BOUND))
+                found.append(Bound(k, -1, half, -BY_RATE if limited else -BY_BOUND))
             continue
         length, across = float(np.linalg.norm(vector)), float(np.linalg.norm(vector[1:]))
         if length >= each.radius - slack:
-            found.append(Bound(k, 1, each.radius / 2.0, BY_RATE if by_rate else BY_BOUND))
+            found.append(Bound(k, 1, each.radius / 2.0, BY_RATE if limited else BY_BOUND))
         if each.least and vector[0] <= each.least + slack:
-            found.append(Bound(k, -1, each.radius / 2.0, -BY_RATE if by_rate else -BY_BOUND))
+            found.append(Bound(k, -1, each.radius / 2.0, -BY_RATE if limited else -BY_BOUND))
         side = np.arctan2(across, float(vector[0])) if length > slack else pi
         arc = max(each.half_angle, ARC_MIN)
         if side >= each.half_angle - AT_BOUND and each.half_angle + STEPS.far * arc <= pi / 2:
-            limit = BY_TILT_RATE if tilt_by_rate else BY_TILT
+            limit = BY_TILT_RATE if tilt_limited else BY_TILT
             found.append(Bound(k + 1, 1, each.radius * arc, limit))
     return found
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.kernel.vectored import priorities, sets_newton
+from ca_ros.problem.limits import Limits
 from ca_ros.problem.prioritization import (
     AIRMODE,
     LAG,
@@ -21,8 +22,9 @@ from ca_ros.problem.prioritization import (
     sensed,
 )
 from ca_ros.problem.problem import INSIDE, AllocationProblem
-from ca_ros.problem.vectored import VectoredProblem
+from ca_ros.problem.sets_limits import limits_of_vectors
 from ca_ros.settings import ParameterError
+from ca_ros.solver.box import Box
 from ca_ros.solver.convex_sets import ConvexSets, Interval
 from ca_ros.solver.faces import LEVEL, face, independent, whole
 from ca_ros.solver.least_norm_over_sets import SetsNewton
@@ -36,7 +38,7 @@ MOVED = 1e-6
 STILL = 1e-12  # distance to a goal, as a share of an axis's range, that counts as none
 
 
-class VectoredPrioritization:
+class SetsPrioritization:
     """Serve groups of axes in the order of their priority.
 
     The steps and their meaning are those of `ca_ros.problem.prioritization.Prioritization`.  Each
@@ -50,11 +52,12 @@ class VectoredPrioritization:
     """
 
     def __init__(
-        self, problem: VectoredProblem, groups: Sequence[Sequence[int]],
+        self, problem: AllocationProblem, groups: Sequence[Sequence[int]],
         reference: Array | None = None, thrust_deviation: str = THRUST_DEVIATION,
         begin: Array | None = None, solver: SetsNewton | None = None,
     ) -> None:
-        self.problem, self.solver = problem, solver or problem.least_norm
+        program: Any = problem.program
+        self.problem, self.solver = problem, solver or program.least_norm
         self.groups = [list(group) for group in groups]
         self.reference = problem.reference if reference is None else reference
         named = [[problem.axes[row] for row in group] for group in groups]
@@ -65,18 +68,16 @@ class VectoredPrioritization:
         if usual and begin is None and problem.reference_central:
             share = 1.0
         else:
-            reached = sets_newton(problem.gamma[first], problem.sets).line(
+            reached = sets_newton(problem.gamma[first], self.solver.sets).line(
                 middle, wanted - middle, 1.0 / INSIDE).length
             share = min(1.0, INSIDE * reached)
         self.begin = wanted if share > 1.0 - 1e-9 else middle + share * (wanted - middle)
         keeps = [problem.axes.index(axis) for axis in sensed(named, thrust_deviation)]
         self.senses: list[int] = []
         if not usual or not problem.reference_inside:
-            served = problem.gamma @ self._answer(self.reference)[0]
+            served = problem.gamma @ self._answer(self.reference, self.solver)[0]
             off = np.abs(served - self.reference) / problem.extent
             keeps = [row for row in keeps if off[row] <= 10.0 * YIELD]
-            # That was without senses.
-            vars(self).pop('_kernel', None)
         self.senses = keeps
 
     def __call__(self, u: Array) -> Served:
@@ -87,7 +88,7 @@ class VectoredPrioritization:
             found = zip(*[self(row)[:4] for row in u.reshape(-1, u.shape[-1])], strict=True)
             parts = [np.array(part) for part in found]
             return Served(*[part.reshape(*u.shape[:-1], *part.shape[1:]) for part in parts])
-        point, share = self._answer(u)
+        point, share = self._answer(u, self.solver, self._kernel)
         served, way = problem.gamma @ point, u - self.reference
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
             levels = np.clip(np.where(way != 0.0, (served - self.reference) / way, 0.0), 0.0, 1.0)
@@ -99,12 +100,16 @@ class VectoredPrioritization:
 
     def moved(self, u: Array, sets: ConvexSets) -> Array:
         """Return the wrench (m,) that is served for u (m,) with other sets, such as wider ones."""
-        other = copy(self)
-        vars(other).pop('_kernel', None)
-        other.problem = self.problem.with_other_sets(sets)
         given = self.solver.weights, self.solver.preferred
-        other.solver = sets_newton(self.problem.gamma, sets, *given)
-        return np.asarray(self.problem.gamma @ other._answer(u)[0], float)
+        solver = sets_newton(self.problem.gamma, sets, *given)
+        return np.asarray(self.problem.gamma @ self._answer(u, solver)[0], float)
+
+    def limits(
+        self, u: Array, served: Array, within: AllocationProblem, by_rate: BoolArray
+    ) -> tuple[Limits, BoolArray]:
+        """Return what limits the axes; see `limits_of_vectors`."""
+        best, serve = self(u).thrusts, partial(self.moved, u)
+        return limits_of_vectors(self.problem, u, best, served, serve, by_rate)
 
     @property
     def fields(self) -> dict[str, Array]:
@@ -123,16 +128,17 @@ class VectoredPrioritization:
     def _kernel(self) -> Any:
         return priorities(self.solver, self.fields)
 
-    def _answer(self, u: Array) -> tuple[Array, float]:
+    def _answer(self, u: Array, solver: SetsNewton, kernel: Any = None) -> tuple[Array, float]:
         """Return vectors (n,), and the share of its line that the first group went."""
-        if self._kernel is None:
-            run = self._serve(u)
+        kernel = kernel or priorities(solver, self.fields)
+        if kernel is None:
+            run = self._serve(u, solver)
             return run.point, run.share
         point = np.empty(self.problem.n)
-        return point, self._kernel.prioritize(np.ascontiguousarray(u, float), point)
+        return point, kernel.prioritize(np.ascontiguousarray(u, float), point)
 
-    def _serve(self, u: Array) -> _Run:
-        run, (first, *later) = _Run(self.problem, self.solver), self.groups
+    def _serve(self, u: Array, solver: SetsNewton) -> _Run:
+        run, (first, *later) = _Run(self.problem, solver), self.groups
         way = u[first] - self.begin
         if np.abs(way / self.problem.extent[first]).max() > STILL:
             run.share = run.go(first, self.begin, way, 1.0)
@@ -185,9 +191,9 @@ class _Run:
     Axes that are `IMPLIED` follow from the face and the axes that are kept.
     """
 
-    def __init__(self, problem: VectoredProblem, solver: SetsNewton) -> None:
+    def __init__(self, problem: AllocationProblem, solver: SetsNewton) -> None:
         self.problem, self.solver, self.share = problem, solver, 1.0
-        self.parts, self.point = whole(problem.sets), np.array(problem.middle)
+        self.parts, self.point = whole(solver.sets), np.array(problem.middle)
         m = len(problem.axes)
         self.state, self.low, self.high = np.full(m, FREE), np.zeros(m), np.zeros(m)
 
@@ -296,7 +302,7 @@ class _Run:
         found = newton.solve((goals - self.problem.gamma @ self._base)[None, use])
         if found.attained[0]:
             self.point = self._base + columns @ found.points[0]
-        self.point = self.problem.clip(self.point)
+        self.point = self.solver.sets.project(self.point)
 
     @property
     def _base(self) -> Array:
@@ -309,7 +315,7 @@ class _Run:
         problem, solver = self.problem, self.solver
         count = sum(part.ways.shape[1] for part in self.parts)
         columns, sets, k = np.zeros((problem.n, count)), [], 0
-        for part, first in zip(self.parts, problem.sets.first, strict=True):
+        for part, first in zip(self.parts, solver.sets.first, strict=True):
             size, more = part.ways.shape
             columns[first : first + size, k : k + more] = part.ways
             k += more
@@ -331,12 +337,12 @@ class _Run:
     def _reduce(self, normal: Array) -> None:
         """Keep the face of the sets that a normal of the boundary touches."""
         slopes = normal @ self.problem.gamma
-        for i, (part, first) in enumerate(zip(self.parts, self.problem.sets.first, strict=True)):
+        for i, (part, first) in enumerate(zip(self.parts, self.solver.sets.first, strict=True)):
             place = slice(first, first + len(part.base))
             self.parts[i] = face(part, slopes[place], self.point[place], LEVEL)
 
 
-AnyPrioritization = Prioritization | VectoredPrioritization
+AnyPrioritization = Prioritization | SetsPrioritization
 
 
 def prioritization_of(
@@ -348,10 +354,10 @@ def prioritization_of(
 
     Raises a ParameterError if airmode is limited for effectors that are vectors.
     """
-    if not isinstance(problem, VectoredProblem):
+    if isinstance(problem.sets, Box):
         return Prioritization(problem, groups, reference, thrust_deviation, begin, airmode_limit)
     refuse_limits(airmode_limit)
-    return VectoredPrioritization(problem, groups, reference, thrust_deviation, begin)
+    return SetsPrioritization(problem, groups, reference, thrust_deviation, begin)
 
 
 def refuse_limits(airmode_limit: Sequence[float]) -> None:
