@@ -23,7 +23,9 @@ from benchmarks.detection.plant import (
     fill,
 )
 from benchmarks.detection.reallocation import acting, fly_on
-from ca_ros.simulation.rigid_body import rotation_matrix
+from ca_ros.simulation.drag import Drag
+from ca_ros.simulation.rigid_body import RigidBody, rk4
+from ca_ros.vehicle.state import rotation_matrix
 
 SETUP = Setup.load('x8')
 MODEL, N = SETUP.model, SETUP.vehicle.n
@@ -77,6 +79,19 @@ def test_momentum_and_energy_without_forces():
         np.testing.assert_allclose(new, old, rtol=2e-3, atol=1e-9)
     fallen = plant.state[0]
     assert fallen[2] == pytest.approx(5.0 + 3.0 - MODEL.gravity / 2.0, abs=1e-9)
+
+
+def test_without_effects_it_moves_as_the_rigid_body_of_the_package():
+    rng = np.random.default_rng(5)
+    state = rng.normal(size=13)
+    state[6:10] /= np.linalg.norm(state[6:10])
+    speeds, wind = HOVER * rng.uniform(0.8, 1.1, N), np.array([3.0, -1.0, 0.5])
+    plant = started(state, lag=np.zeros(N), flapping=5e-4, wind=wind)
+    plant.drift(speeds, 80)
+    body, expected = RigidBody(SETUP.vehicle, Drag(rotor=5e-4)), state
+    for _ in range(80):
+        expected = body.step(expected, speeds, STEP, wind, rk4)
+    np.testing.assert_allclose(plant.state[0], expected, rtol=1e-3, atol=1e-3)
 
 
 def test_hover_is_at_rest_and_the_controller_stays_there():
