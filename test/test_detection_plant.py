@@ -240,7 +240,7 @@ def test_alarms_are_counted_once_a_landing_and_once_a_push():
 
 def test_an_octorotor_flies_on_if_a_loss_is_announced_and_a_quadrotor_does_not():
     for name, flies in (('octorotor', True), ('quadrotor', False)):
-        _, (found,) = fly_on((name, 'usual', 'announced', range(1), False))
+        _, (found,) = fly_on((name, 'usual', 'announced', range(1), {}))
         assert found.flies is flies
         assert (found.drop > 20.0) is not flies
 

@@ -32,6 +32,11 @@ BLOCK = 10  # flights of a job
 TAKE_OFF = ('landings',)  # where rotors are lost soon after a take-off
 
 
+def _setting(text: str) -> tuple[str, float]:
+    name, _, value = text.partition('=')
+    return name, float(value)
+
+
 def _blocks(first: int, count: int) -> list[range]:
     ends = range(first, first + count, BLOCK)
     return [range(begin, min(begin + BLOCK, first + count)) for begin in ends]
@@ -48,13 +53,14 @@ def _jobs(options: argparse.Namespace) -> list[tuple[Callable[[Any], Any], tuple
         raise CaRosError(f'seeds from {TUNING} on are for --publish: fly less, or lower --first')
     flown = CAUSES if options.causes else options.conditions
     soon = [kind for kind in options.kinds if kind == 'total']
+    given = {'force': options.imu, 'settings': dict(options.settings)}
     parts = [
         (fly, flown, [''], flights), (fly, CONTACTS, [''], contacts),
         (fly, POOLED, options.kinds, losses), (fly, TAKE_OFF, soon, losses),
         (fly_on, POOLED, WAYS, reallocated), (act, options.conditions, [ACTING], acting),
     ]
     return [
-        (function, (vehicle, name, kind, seeds, options.imu))
+        (function, (vehicle, name, kind, seeds, given))
         for function, names, kinds, count in parts for vehicle in options.vehicles
         for name in names for kind in kinds for seeds in _blocks(first, count)
     ]
@@ -120,6 +126,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--kinds', nargs='*', default=[*LOSSES], choices=LOSSES, metavar='KIND',
         help=f'of failures: {", ".join(LOSSES)}')
     add('--causes', action='store_true', help='conditions in which one thing alone is not ideal')
+    add('--set', dest='settings', type=_setting, nargs='+', default=[], metavar='NAME=VALUE',
+        help='settings of the detector, as in certainty=0.99')
     add('--imu', action='store_true', help='the detector gets the specific force, too')
     add('--publish', action='store_true', help=f'fly with seeds from {TUNING} on')
     add('--first', type=int, default=0, help='seed of the first flight, without --publish')

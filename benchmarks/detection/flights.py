@@ -1,6 +1,6 @@
 """Flights with a detector: false alarms, and the names of rotors that fail."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -33,6 +33,9 @@ LIFTED = 0.1, 1.0  # the same after a take-off, where there are landings [s]
 NAMED = 2.0  # how long a failure may take to be named [s]
 BEFORE = 0.5  # a landing begins so long before its first contact [s]
 STATED = 'time', 'attitude', 'velocity', 'rates', 'specific_force', 'command'
+
+Job = tuple[str, str, str, range, Mapping[str, Any]]
+"""A vehicle, a condition, a kind, seeds, and the options of `Setup.load`."""
 
 Alarm = tuple[int, tuple[int, ...]]
 """A row, and the rotors that are named there."""
@@ -127,7 +130,7 @@ class Setup:
 
     - `make`: makes the detector
     - `force`: whether it gets the specific force
-    - `lag`, `delay` [s]: what it is told of the motors
+    - `settings`: of `detector.*`, beside the lag and the delay that it is told
     """
 
     name: str
@@ -135,8 +138,7 @@ class Setup:
     model: Any
     make: Callable[..., Any] = make_detector
     force: bool = False
-    lag: float = LAG
-    delay: float = DELAY
+    settings: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def load(cls, name: str, **options: Any) -> 'Setup':
@@ -145,9 +147,9 @@ class Setup:
         return cls(name, vehicle, believed(vehicle), **options)
 
     def detector(self) -> Any:
-        """Return a detector that is told lag and delay, and has its defaults otherwise."""
-        settings = DetectorSettings(motor_time_constant=self.lag, delay=self.delay)
-        return self.make(self.vehicle, settings)
+        """Return a detector with the settings, and its defaults otherwise."""
+        given = {'motor_time_constant': LAG, 'delay': DELAY, **self.settings}
+        return self.make(self.vehicle, DetectorSettings(**given))
 
     def partner(self, rotor: int) -> int | None:
         """Return the other rotor of a coaxial arm."""
@@ -247,15 +249,10 @@ POOLED = 'usual', 'turbulence', 'aggressive'
 """The conditions of which the hours are added."""
 
 
-def fly(
-    job: tuple[str, str, str, range, bool]
-) -> tuple[tuple[str, str, str], Count | list[Outcome]]:
-    """Fly for a vehicle, a condition, a kind of failure ('': none) and seeds; return key and find.
-
-    The last part of a job tells whether the detector gets the specific force.
-    """
-    vehicle, name, loss, seeds, force = job
-    setup, condition = Setup.load(vehicle, force=force), {**CAUSES, **FLOWN, **CONTACTS}[name]
+def fly(job: Job) -> tuple[tuple[str, str, str], Count | list[Outcome]]:
+    """Fly for a vehicle, a condition, a kind of failure ('': none) and seeds; return key and find."""
+    vehicle, name, loss, seeds, options = job
+    setup, condition = Setup.load(vehicle, **options), {**CAUSES, **FLOWN, **CONTACTS}[name]
     key = vehicle, name, loss
     if loss:
         return key, failing(setup, name, condition, loss, seeds)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.detection.conditions import FLOWN, LOSSES, Condition
-from benchmarks.detection.flights import DURATION, Setup, rng_of
+from benchmarks.detection.flights import DURATION, Job, Setup, rng_of
 from benchmarks.detection.plant import GROUNDED, PERIOD, Plant
 from ca_ros import Exact
 from ca_ros.arrays import Array
@@ -160,22 +160,17 @@ def observe(setup: Setup, detector: Any, row: Any) -> bool:
     return bool(detector.observe(int(row['time']), *motion, **force))
 
 
-def act(job: tuple[str, str, str, range, bool]) -> tuple[tuple[str, str, str], Acted]:
+def act(job: Job) -> tuple[tuple[str, str, str], Acted]:
     """Fly for a vehicle, a condition, `ACTING` and seeds; return key and what was counted."""
-    vehicle, name, kind, seeds, force = job
-    setup = Setup.load(vehicle, force=force)
+    vehicle, name, kind, seeds, options = job
+    setup = Setup.load(vehicle, **options)
     return (vehicle, name, kind), sum((acting(setup, name, seed) for seed in seeds), Acted())
 
 
-def fly_on(
-    job: tuple[str, str, str, range, bool]
-) -> tuple[tuple[str, str, str], list[Flown]]:
-    """Fly for a vehicle, a condition, a way, and seeds; return key and what happened.
-
-    The last part of a job tells whether the detector gets the specific force.
-    """
-    vehicle, name, way, seeds, force = job
-    setup, condition = Setup.load(vehicle, force=force), FLOWN[name]
+def fly_on(job: Job) -> tuple[tuple[str, str, str], list[Flown]]:
+    """Fly for a vehicle, a condition, a way, and seeds; return key and what happened."""
+    vehicle, name, way, seeds, options = job
+    setup, condition = Setup.load(vehicle, **options), FLOWN[name]
     return (vehicle, name, way), [flown(setup, condition, way, seed) for seed in seeds]
 
 

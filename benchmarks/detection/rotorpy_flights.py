@@ -107,7 +107,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--publish', action='store_true', help=f'fly with seeds from {TUNING} on')
     add('--out', type=Path, default=Path('out/detection'), metavar='DIR')
     options = parser.parse_args(argv)
-    setups = [Setup.load(name, lag=LAG, delay=DELAY) for name in options.vehicles]
+    told = {'motor_time_constant': LAG, 'delay': DELAY}
+    setups = [Setup.load(name, settings=told) for name in options.vehicles]
     first = TUNING if options.publish else 0
     counts: dict[str, dict[str, Count]] = {setup.name: {} for setup in setups}
     found: dict[tuple[str, ...], list[Outcome]] = {}
