@@ -250,7 +250,7 @@ POOLED = 'usual', 'turbulence', 'aggressive'
 
 
 def fly(job: Job) -> tuple[tuple[str, str, str], Count | list[Outcome]]:
-    """Fly for a vehicle, a condition, a kind of failure ('': none) and seeds; return key and find."""
+    """Fly a job, whose kind is that of a failure ('': none); return its key and what was found."""
     vehicle, name, loss, seeds, options = job
     setup, condition = Setup.load(vehicle, **options), {**CAUSES, **FLOWN, **CONTACTS}[name]
     key = vehicle, name, loss
