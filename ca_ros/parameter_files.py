@@ -14,7 +14,7 @@ from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.problem.prioritization import PrioritizedAxesSettings
 from ca_ros.setting_names import check_given
 from ca_ros.settings import Numbers, ParameterError, Settings, read, setting, table
-from ca_ros.simulation.plant_settings import PlantSettings
+from ca_ros.simulation.plant_settings import PlantRotorSettings, PlantSettings
 from ca_ros.vehicle import files
 from ca_ros.vehicle.settings import AxesSettings, BodySettings, MovingBodySettings, RotorSettings
 
@@ -47,10 +47,6 @@ class SimulationSettings(PlantSettings):
         'deviate from the clock', unit='s/s', minimum=0.01, maximum=10.0)
     publish_clock: bool = setting(
         False, 'publish the simulated time on /clock, for nodes with use_sim_time')
-    hold_at: float = setting(
-        0.0,
-        'simulated time at which the simulator waits in mode lockstep, until this parameter is '
-        'set to a later time; 0: never', unit='s', minimum=0.0, mutable=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +129,7 @@ class SimulatorSettings(NodeSettings):
     """The settings of the simulator node."""
 
     vehicle: MovingBodySettings
-    rotors: RotorSettings
+    rotors: PlantRotorSettings
     simulator: SimulationSettings
     timeout_action: str = TIMEOUT_ACTION()
     world_frame: str = WORLD_FRAME()

@@ -36,6 +36,9 @@ REMOVED = {
     'publish_throttle':
         'give rotors.thrust_curve: command/throttle is then published to those who subscribe',
     'simulator.gust_time': 'leave it out: gusts have a correlation time of 1 s',
+    'simulator.hold_at':
+        'leave it out: rotors fail by simulator.failures, and waypoints and announcements hold '
+        'from their stamps on',
     'simulator.integrator':
         'leave it out for explicit Euler steps; simulator.sub_steps makes them smaller',
     'simulator.publish_odometry':

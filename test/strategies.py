@@ -80,6 +80,7 @@ PARAMETERS = {
 EVERY_EFFECT = {
     'simulator.sub_steps': 5.0,
     'simulator.seed': 7.0,
+    'simulator.failures': ['1@0.1', '3@0.05=0.7'],
     'simulator.initial_position': [0.1, -0.1, 0.0],
     'simulator.initial_velocity': [0.1, 0.0, 0.0],
     'simulator.initial_angular_velocity': [0.0, 0.1, 0.0],

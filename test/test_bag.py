@@ -17,7 +17,7 @@ import yaml
 from geometry_msgs.msg import PoseStamped
 
 from ca_ros.bringup.bag import LOOP, RECORDED, Bag
-from ca_ros.nodes.topics import EFFECTORS, STATE_RESTART, TILT_COMMAND, TILTS
+from ca_ros.nodes.topics import ANNOUNCED_HEALTH, EFFECTORS, STATE_RESTART, TILT_COMMAND, TILTS
 from ca_ros.testing import Graph
 
 pytest.importorskip('rosbags', reason="needs the extra 'bag'")
@@ -29,8 +29,9 @@ pytestmark = pytest.mark.slow
 SWITCHES = 'simulator.publish_clock:=true', 'rotors.thrust_curve.pwm:=[1000.0, 2000.0]'
 """Parameters that switch optional topics on."""
 
-ELSEWHERE = EFFECTORS.name, TILT_COMMAND.name, TILTS.name, STATE_RESTART.name
-"""Topics of problems without a vehicle, of rotors that tilt, and of px4_bridge."""
+ELSEWHERE = tuple(
+    topic.name for topic in (EFFECTORS, TILT_COMMAND, TILTS, STATE_RESTART, ANNOUNCED_HEALTH))
+"""Topics of problems without a vehicle, of rotors that tilt or fail, and of px4_bridge."""
 
 LAYOUTS = Path(__file__).resolve().parent.parent / 'layouts'
 DURATION = 1.5

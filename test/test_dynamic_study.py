@@ -269,7 +269,7 @@ def failing(tmp_path_factory):
 
 def test_failures_are_flown_by_all_methods_and_drawn(failing):
     written = metrics_of(failing)
-    assert written['failures'][:4] == ['--fail', '1@4.0=0.0', '--fail', '2@4.5=0.9']
+    assert written['failures'][:4] == ['--fail', '1@4', '--fail', '2@4.5=0.9']
     assert written['lost_axes'] == ['yaw']
     again = dynamic_study._parse(written['command'][1:])
     assert [(each.rotor, each.time, each.health) for each in again.fail] == [
@@ -282,7 +282,7 @@ def test_failures_are_flown_by_all_methods_and_drawn(failing):
         # Until it is announced, what rotor 1 gives is missing.
         assert 1.0 < found['worst_force_residual'] < 10.0
     text = (failing / 'dynamic.md').read_text()
-    assert '`--fail 1@4.0=0.0 --fail 2@4.5=0.9 --announce 0.1`. Lost axes at the end: yaw.' in text
+    assert '`--fail 1@4 --fail 2@4.5=0.9 --announce 0.1`. Lost axes at the end: yaw.' in text
     for name, found in written['methods'].items():
         # Yaw is given up, and the vehicle spins: no heading has an error.
         rate = found['heading_rate']
@@ -314,11 +314,13 @@ def test_a_heading_that_turns_has_no_error_even_if_it_is_not_known_to_be_lost():
 
 def test_the_margin_is_that_of_the_rotors_as_they_are():
     case, failures = Case.load('hexarotor'), RotorFailures((RotorFailure(1, 0.5),), 0.1)
-    changes = case.failing('exact', failures)
+    changes = case.announced('exact', failures)
     hover = Waypoint.of(0.0, 0.0, 0.0, 0.0)
     flight = fly(
-        case.controller(), case.allocator('exact'), case.body(), hover, 1.0, changes=changes)
-    found = sample_errors(flight, case.controller(), hover, changes)['margin'].to_numpy()
+        case.controller(), case.allocator('exact'), case.body(), hover, 1.0, changes=changes,
+        failures=failures)
+    found = sample_errors(flight, case.controller(), hover, changes, failures=failures)
+    found = found['margin'].to_numpy()
     # Hover: 0.191 inside; then outside, as nobody knows; then on the boundary.
     np.testing.assert_allclose(found[:50], audit(case.vehicle).hover_margin, atol=1e-9)
     assert np.all(found[50:60] < 0.0)

@@ -567,11 +567,11 @@ def test_a_flight_in_the_page_is_that_of_python(
     lost = RotorFailures(tuple(RotorFailure(i + 1, at / 1e3) for i, at in failures))
     changes = [
         replace(each, reconfigure=each.reconfigure and partial(
-            each.reconfigure, changed=unlimited)) for each in case.failing(method, lost)
+            each.reconfigure, changed=unlimited)) for each in case.announced(method, lost)
     ]
     flight = closed_loop.fly(
         unlimited(case.controller()), case.allocator(method), case.body(), Waypoint.of(*goal),
-        6.0, 0.001, state, changes)
+        6.0, 0.001, state, changes, failures=lost)
     found = page.evaluate(FLY, [VEHICLES[name], method, goal, state.tolist(), failures])
     assert [status for status, *_ in found] == [answer.status.name for answer in answers[:-1]]
     np.testing.assert_allclose([at for _, *at in found], flight.position[1:], atol=1e-6)

@@ -115,10 +115,12 @@ def test_an_animation_shows_the_lost_rotor_from_its_failure_on(tmp_path):
     case, failures = Case.load('hexarotor'), RotorFailures((RotorFailure(1, 0.8),), 0.1)
     flights, samples = {}, {}
     for method in ('exact', 'fixed_pseudo_inverse'):
-        changes = case.failing(method, failures)
+        changes = case.announced(method, failures)
         flight = flights[method] = fly(
-            case.controller(), case.allocator(method), case.body(), WAYPOINT, 1.2, changes=changes)
-        samples[method] = sample_errors(flight, case.controller(), WAYPOINT, changes)
+            case.controller(), case.allocator(method), case.body(), WAYPOINT, 1.2, changes=changes,
+            failures=failures)
+        samples[method] = sample_errors(
+            flight, case.controller(), WAYPOINT, changes, failures=failures)
     path = tmp_path / 'animation.gif'
     goal = Trajectory.to(WAYPOINT)
     animate(path, Flights(flights, samples, case.vehicle, goal, failures))

@@ -11,7 +11,8 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from ca_ros.bringup.agreement import check, combined, not_compared
 from ca_ros.bringup.options import parse
-from ca_ros.bringup.scenario import Timeline
+from ca_ros.bringup.recorder import Recorder
+from ca_ros.bringup.scenario import Scenario
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.errors import CaRosError
@@ -69,33 +70,47 @@ def test_values_are_those_of_the_allocator_then_the_controller():
     assert combined(parameters) == {'a': 1, 'b': 2, 'c': 3}
 
 
-@pytest.mark.parametrize(('mode', 'times', 'lacking'), [
-    ('lockstep', (0.0, 1.0), 'simulator.hold_at, simulator.time_step'),
-    ('realtime', (0.0,), None)])
-def test_a_plant_without_the_parameters_for_failures_is_refused(mode, times, lacking):
+def scenario(planned=(), mode='lockstep', waypoints=1, recorder=None, delay=0.1, **simulator):
+    """Return the scenario of a flight of the hexarotor, with parameters of the simulator."""
     parameters = {
         node: file_values('hexarotor', kind=DECLARED[node]) | {'mode': mode} for node in NODES}
-    parameters['simulator'] = {}
+    parameters['simulator'] = {f'simulator.{name}': value for name, value in simulator.items()}
     trajectory = Trajectory(
-        tuple(round(time * 1e9) for time in times),
-        (Waypoint.of(0.0, 0.0, 1.0, 0.0),) * len(times))
-    if lacking:
-        with pytest.raises(CaRosError, match=f'does not declare {lacking}, which'):
-            Timeline(None, trajectory, RotorFailures(()), parameters, Vehicle.load('hexarotor'))
-    failing = RotorFailures((RotorFailure(1, 1.0),))
-    with pytest.raises(CaRosError, match=r'does not declare rotors\.health'):
-        Timeline(None, trajectory, failing, parameters, Vehicle.load('hexarotor'))
+        tuple(range(waypoints)), (Waypoint.of(0.0, 0.0, 1.0, 0.0),) * waypoints)
+    failures = RotorFailures(tuple(planned), delay)
+    return Scenario(recorder, trajectory, failures, parameters, Vehicle.load('hexarotor'))
 
 
-def test_it_warns_of_a_program_that_cannot_be_told_of_failures(graph, capsys):
-    parameters = {node: file_values('hexarotor', kind=DECLARED[node]) for node in NODES}
-    del parameters['controller']['rotors.health']
-    failing = RotorFailures((RotorFailure(1, 1.0),))
-    trajectory = Trajectory.to(Waypoint.of(0.0, 0.0, 1.0, 0.0))
-    Timeline(graph.node, trajectory, failing, parameters, Vehicle.load('hexarotor'))
+def test_a_plant_that_cannot_have_the_failures_is_refused():
+    failing = [RotorFailure(1, 1.0)]
+    for mode in ('lockstep', 'realtime'):
+        scenario(mode=mode)
+        with pytest.raises(CaRosError, match=r'not declare simulator\.failures, which --fail'):
+            scenario(failing, mode)
+        with pytest.raises(CaRosError, match=r"simulator is \['2@1'\], not \['1@1'\]"):
+            scenario(failing, mode, failures=['2@1'])
+    with pytest.raises(CaRosError, match=r'^simulator\.failures: 7@1: the vehicle has 6 rotors'):
+        scenario(failures='7@1')
+    # Those of a file are announced, too.
+    found = scenario(delay=0.2, failures='3@1=0.4').failures
+    assert (str(found.failures[0]), found.announced_times) == ('3@1=0.4', [1_200_000_000])
+
+
+def test_more_messages_than_the_nodes_can_keep_are_refused():
+    scenario(mode='realtime', waypoints=3000)
+    with pytest.raises(CaRosError, match=r'2999 waypoints and announcements .* up to 2000'):
+        scenario(waypoints=3000)
+
+
+def test_it_warns_of_a_program_that_cannot_be_told_of_failures(graph, capsys, monkeypatch):
+    monkeypatch.setattr(f'{Scenario.__module__}.HEARING', 0.5)
+    recorder = graph.add_node(Recorder(context=graph.context))
+    host(graph, 'allocator')
+    flying = scenario([RotorFailure(1, 1.0)], recorder=recorder, failures='1@1')
+    flying.begin(lambda: graph.spin_until(lambda: True, 'a moment'))
     assert capsys.readouterr().err == (
-        'bringup: warning: the controller does not declare rotors.health: it is not told of rotor '
-        'failures\n')
+        'bringup: warning: the controller does not subscribe to rotor_health/announced: it is not '
+        'told of rotor failures\n')
 
 
 # Flights

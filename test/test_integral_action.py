@@ -108,7 +108,7 @@ def test_the_controller_continues_after_an_announcement():
     # A tenth of the thrust of a rotor is lost and announced: the estimate of the wind stays.
     windy = case(1.0, *ERRORS['wind of 0.9 N'][0])
     health = [0.9, 1.0, 1.0, 1.0, 1.0, 1.0]
-    told = Change(12_000_000_000, windy.body(health), announced=(health, [0.0]),
+    told = Change(12_000_000_000, windy.body(health), announced=(health, {}),
                   reconfigure=partial(windy.reconfiguration, 'exact'))
     flight = flown(windy, duration=14.0, changes=[told])
     assert np.abs(flight.position[1200:] - WAYPOINT.position).max() < 0.02

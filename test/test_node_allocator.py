@@ -14,6 +14,7 @@ from ca_ros import SlewLimited, Status
 from ca_ros.allocation import ALLOCATORS
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import read_wrench
+from ca_ros.nodes.mode import RealTime
 from ca_ros.nodes.stream import STALL_MIN, Streams
 from ca_ros.testing import BEST_EFFORT, Graph, wrench
 from nodes import GAMMA, HOVER, AllocatorClient, host, some_wrenches, twin
@@ -294,7 +295,7 @@ def test_a_fault_of_a_method_costs_one_command_and_a_refused_change_none(graph, 
 def test_after_a_stall_only_the_newest_of_what_waits_is_received(graph):
     publisher = graph.publisher(WrenchStamped, 'command/wrench')
     received, counts = [], Counter()
-    streams = Streams(graph.node, 'realtime', lambda *_: None, counts)
+    streams = Streams(graph.node, RealTime(), lambda *_: None, counts)
     streams.subscribe(topics.WRENCH, lambda command: received.append(command.sec), read_wrench)
     graph.spin_until(streams.subscriptions[0].get_publisher_count, 'matched')
 

@@ -38,7 +38,7 @@ def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit(vehicle, change
     detection = case.detection('exact')
     offline = fly(
         case.controller(), case.allocator('exact'), case.plant(), Waypoint.of(1, 1, 1, np.pi / 4),
-        0.8, changes=case.failing('exact', failures), detection=detection)
+        0.8, detection=detection, failures=failures)
     words = ['--fail', failure, '--announce', 'never', '--detect']
     flown = fly_over_ros(case, 'exact', 0.8, words)
     assert 0.5 < detection.found[0][0] / 1e9 < 0.6

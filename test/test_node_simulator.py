@@ -199,37 +199,36 @@ def test_a_vehicle_at_rest_is_not_set_going_by_a_timeout_action(graph):
         repeat=lambda: client.command.publish(idle))
 
 
-def test_in_lockstep_it_waits_where_it_is_told_to(graph):
-    client = SimulatorClient(graph, 'lockstep', '-p', 'simulator.hold_at:=0.02', start=host)
+def test_rotors_fail_at_times_of_the_flight_and_as_they_are_set_in_flight(graph):
+    given = "simulator.failures:=['1@0.02', '2@0.03=0.4']"
+    client = SimulatorClient(graph, 'lockstep', '-p', given, start=host)
     parameters = graph.connect('simulator')
-    speeds = np.full(6, 250.0)
+    speeds, expected = np.full(6, 250.0), NULL_STATE
 
-    def step(stamp):
-        client.state(stamp)
+    def step(stamp, *health):
+        nonlocal expected
         client.send(speeds, stamp)
+        vehicle = BODY.vehicle.with_health([*health, *[1.0] * (6 - len(health))])
+        expected = RigidBody(vehicle).step(expected, speeds, STEP / 1e9)
+        assert client.state(stamp + STEP).tobytes() == published(expected).tobytes()
 
-    step(0)
-    step(STEP)
-    # The rotors have turned up to here, but the next state does not come.
-    graph.spin_until(lambda: any(
-        message.layout.dim[1].label == f'stamp {STEP}' for message in client.speeds), 'a step')
-    # More than one repetition of a state that nobody has answered.
-    end = time.monotonic() + 0.5
-    graph.spin_until(lambda: time.monotonic() > end, 'nothing')
-    assert max(map(nanoseconds, client.poses)) == STEP
-    # Other parameters may be set meanwhile, and hold from the state that it waits with.
-    for values in ({'rotors.health': [0.0] * 6}, {'simulator.hold_at': 0.03}):
-        (result,) = parameters.set(values)
-        assert result.successful, result.reason
-    client.send(speeds, 2 * STEP)
-    before, expected = client.state(2 * STEP), NULL_STATE
-    for _ in range(2):
-        expected = BODY.step(expected, speeds, STEP / 1e9)
-    assert before.tobytes() == published(expected).tobytes()
-    (result,) = parameters.set({'simulator.hold_at': 0.0})
+    client.state(0)
+    for k, health in enumerate([(1.0,), (1.0,), (0.0,), (0.0, 0.4)]):
+        step(k * STEP, *health)
+    for wrong, words in (('7@1', '7@1: the vehicle has 6 rotors'), ('1', 'expected ROTOR@TIME'),
+                         ('1@1=0.4rad', 'no rotor of this vehicle tilts')):
+        (result,) = parameters.set({'simulator.failures': wrong})
+        assert not result.successful
+        assert result.reason.startswith('simulator.failures: ')
+        assert words in result.reason
+    # All that is set holds, and nothing else; what is due already fails at once.
+    (result,) = parameters.set({'simulator.failures': ['3@0', '1@0.06']})
     assert result.successful, result.reason
-    fallen = RigidBody(BODY.vehicle.with_health(0.0)).step(expected, speeds, STEP / 1e9)
-    assert client.state(3 * STEP).tobytes() == published(fallen).tobytes()
+    for k, health in ((4, (1.0, 1.0, 0.0)), (5, (1.0, 1.0, 0.0)), (6, (0.0, 1.0, 0.0))):
+        step(k * STEP, *health)
+    # The health is that of the start.
+    (result,) = parameters.set({'rotors.health': 0.5})
+    assert not result.successful
 
 
 def test_three_nodes_fly_in_frames_of_other_names(graph):

@@ -54,9 +54,10 @@ def without(vehicle, rotor):
 def lose(case, rotor, announce=0.1, method='exact', end=75.0):
     """Lose a rotor at hover, then fly to the next waypoint and stay there."""
     failures = RotorFailures((RotorFailure(rotor, LOST),), announce)
-    changes = [*case.failing(method, failures), Change(3 * 10**9, waypoint=NEXT)]
+    changes = [*case.announced(method, failures), Change(3 * 10**9, waypoint=NEXT)]
     return fly(
-        case.controller(), case.allocator(method), case.body(), HOVER, end, changes=changes)
+        case.controller(), case.allocator(method), case.body(), HOVER, end, changes=changes,
+        failures=failures)
 
 
 def away(flight, start=15.0):
@@ -165,9 +166,9 @@ def test_what_is_no_failure_is_refused(text):
 
 def test_a_rotor_cannot_fail_twice_at_the_same_time_nor_after_the_flight(capsys, tmp_path):
     failures = RotorFailure(1, 1.0), RotorFailure(2, 1.0), RotorFailure(1, 1.5)
-    assert len(RotorFailures(failures).times()) == 4
+    assert [time / 1e9 for time in RotorFailures(failures).times] == [1.0, 1.5]
     words = '--fail 1@1=0.5: rotor 1 fails twice at 1 s'
-    with pytest.raises(ParameterError, match=words):
+    with pytest.raises(ParameterError, match=r'^1@1=0\.5: rotor 1 fails twice at 1 s'):
         RotorFailures((*failures, RotorFailure(1, 1.0, 0.5)))
     for command in (bringup, dynamic_study):
         assert command(['--fail', '1@1', '--fail', '1@1=0.5', '--out', str(tmp_path)]) == 1
@@ -179,17 +180,23 @@ def test_a_rotor_cannot_fail_twice_at_the_same_time_nor_after_the_flight(capsys,
 def test_failures_and_announcements_have_their_times():
     failures = RotorFailures(
         (RotorFailure(2, 1.0, 0.5), RotorFailure(2, 1.05), RotorFailure(1, 3.0)))
-    sound = np.ones(3)
-    assert failures.times() == [
-        1_000_000_000, 1_050_000_000, 1_100_000_000, 1_150_000_000, 3_000_000_000, 3_100_000_000]
-    assert failures.health(sound, 999_999_999).tolist() == [1.0, 1.0, 1.0]
-    assert failures.health(sound, 1_000_000_000).tolist() == [1.0, 0.5, 1.0]
-    assert failures.health(sound, 1_100_000_000, told=True).tolist() == [1.0, 0.5, 1.0]
-    assert failures.health(sound, 1_100_000_000).tolist() == [1.0, 0.0, 1.0]
-    assert failures.health(sound, 4_000_000_000, told=True).tolist() == [0.0, 0.0, 1.0]
+    sound = Vehicle.load('quadrotor')
+    assert failures.times == [1_000_000_000, 1_050_000_000, 3_000_000_000]
+    assert failures.announced_times == [1_100_000_000, 1_150_000_000, 3_100_000_000]
+    assert failures.after(sound, 999_999_999) is sound
+    for time, health in ((1_000_000_000, [1, 0.5, 1, 1]), (1_100_000_000, [1, 0, 1, 1])):
+        assert failures.after(sound, time).health.tolist() == health
+    for time, health in ((1_100_000_000, [1, 0.5, 1, 1]), (4_000_000_000, [0, 0, 1, 1])):
+        assert failures.known(sound, time).health.tolist() == health
+        assert failures.announced(4, time)[0].tolist() == health
+    # What is announced makes no rotor sounder than it was.
+    weak = sound.with_health([1.0, 0.4, 0.3, 1.0])
+    assert failures.known(weak, 1_100_000_000).health.tolist() == [1.0, 0.4, 0.3, 1.0]
     never = RotorFailures(failures.failures, None)
-    assert never.times() == [1_000_000_000, 1_050_000_000, 3_000_000_000]
-    assert never.health(sound, 4_000_000_000, told=True).tolist() == [1.0, 1.0, 1.0]
+    assert (never.times, never.announced_times) == (failures.times, [])
+    assert never.known(sound, 4_000_000_000).health.tolist() == [1.0] * 4
+    for each in (failures, never, RotorFailures()):
+        assert RotorFailures.read(each.words, each.announce) == each
 
 
 @pytest.mark.slow
@@ -219,7 +226,8 @@ def test_failures_and_waypoints_over_dds_equal_those_offline_to_the_last_bit(
     case, trajectory = case_of('hexarotor'), Trajectory.read(path)
     fly(
         case.controller(), case.allocator('exact'), case.body(), trajectory.first, 1.5,
-        changes=[*case.failing('exact', failures), *waypoint_changes(trajectory)],
+        changes=[*case.announced('exact', failures), *waypoint_changes(trajectory)],
+        failures=failures,
     ).write_csv(tmp_path / 'offline.csv')
     assert (tmp_path / 'flight.csv').read_bytes() == (tmp_path / 'offline.csv').read_bytes()
 

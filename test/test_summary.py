@@ -32,17 +32,17 @@ AWAY = replace(SHORT, flight=fly_offline('exact', 1.0, (-1.0, -1.0, 1.0, 0.0)))
 """A flight to elsewhere."""
 
 
-def lines(flown=AWAY, failures=RotorFailures(), **changes):  # noqa: B008 - it is frozen
+def lines(flown=AWAY, **changes):
     """Return what the summary of a missed flight says after its rotor speeds."""
-    text, reached = summarize(replace(flown, **changes), Waypoint.of(*GOAL), failures)
+    text, reached = summarize(replace(flown, **changes), Waypoint.of(*GOAL))
     assert not reached
     return text.splitlines()[4:]
 
 
-def bounds(flight, failures=RotorFailures(), **changes):  # noqa: B008 - it is frozen
+def bounds(flight, **changes):
     """Return what the summary says of the bounds, in real time unless the changes say else."""
     flown = replace(SHORT, flight=flight, **changes)
-    text, _ = summarize(flown, Waypoint.of(*GOAL), failures)
+    text, _ = summarize(flown, Waypoint.of(*GOAL))
     return re.search(r'(\S+ ?\S*) bounds', text)[1].removeprefix('flight, ')
 
 
@@ -70,7 +70,7 @@ def test_the_tolerance_of_position_and_heading_is_that_of_the_user():
     for goal, needed in (((0.1, 0.0, 0.0, 0.0), 0.1), ((0.0, 0.0, 0.0, np.radians(5.0)), 0.2)):
         for tolerance in (0.99 * needed, 1.01 * needed):
             _, reached = summarize(
-                replace(SHORT, flight=there), Waypoint.of(*goal), RotorFailures(), (), tolerance)
+                replace(SHORT, flight=there), Waypoint.of(*goal), (), tolerance)
             assert reached == (tolerance > needed)
 
 
@@ -99,9 +99,10 @@ def test_a_lost_rotor_that_turns_long_after_it_was_announced_is_out_of_bounds():
             ('lockstep', 0, 'within'), ('lockstep', 1, 'OUT OF')):
         speeds = [hover] * (3 + late) + [without] * (30 - late)
         parameters = PARAMETERS | {'mode': mode}
-        assert bounds(flight_of(speeds), lost, parameters=parameters) == expected
+        assert bounds(flight_of(speeds), failures=lost, parameters=parameters) == expected
     # Never announced, so it is commanded.
-    assert bounds(flight_of([hover] * 30), RotorFailures(lost.failures, None)) == 'within'
+    never = RotorFailures(lost.failures, None)
+    assert bounds(flight_of([hover] * 30), failures=never) == 'within'
 
 
 def test_rotors_that_a_timeout_stops_are_within_bounds():
@@ -116,14 +117,14 @@ def test_rotors_that_a_timeout_stops_are_within_bounds():
 
 def test_what_was_cut_and_why_is_said():
     goal = Trajectory.to(Waypoint.of(*GOAL))
-    whole = served(SHORT, goal, RotorFailures())
+    whole = served(SHORT, goal)
     assert whole.cuts == ()
     np.testing.assert_array_equal(whole.shares, 1.0)
     # Equal speeds of all rotors make no torque.
     still = replace(SHORT.flight, speeds=np.full_like(SHORT.flight.speeds, 255.7))
     for method, other in {'exact': 'a command that came late', 'direct': 'the method'}.items():
         flew = PARAMETERS | {'allocation.method': method}
-        found = served(replace(SHORT, flight=still, parameters=flew), goal, RotorFailures())
+        found = served(replace(SHORT, flight=still, parameters=flew), goal)
         assert all(text.endswith(f'limited by {other}') for text in found.cuts)
         np.testing.assert_allclose(found.shares[0, 1:], 0.0, atol=1e-9)
     # Motors that take seconds.
@@ -133,8 +134,8 @@ def test_what_was_cut_and_why_is_said():
     flight = fly(
         case.controller(), case.allocator('exact'), case.plant(), goal.first, 0.5)
     flown = replace(SHORT, flight=flight, parameters=slow, vehicle=vehicle)
-    cuts = served(flown, goal, RotorFailures()).cuts
-    text, _ = summarize(flown, goal.first, RotorFailures(), cuts)
+    cuts = served(flown, goal).cuts
+    text, _ = summarize(flown, goal.first, cuts)
     why = r'to 0 %, limited by rotors 1, 2, 3, 4, 5 at their rate\n'
     assert re.search(rf'\n  cut           roll for 0\.22 s, at 0\.\d\d s {why}', text), text
 

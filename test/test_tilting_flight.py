@@ -38,11 +38,12 @@ def flown(name, duration, changes=(), **over):
     return fly(controller, allocator, Plant(body, PLANT), HOVER, duration, changes=changes)
 
 
-def announced(name, body, health, stuck=(0.0,), **others):
+def announced(name, body, health, stuck=(), **others):
     """Return a failure after a second that is announced at once."""
     reconfigure = partial(Case.load(name).reconfiguration, 'exact')
     return Change(
-        int(1e9), body, announced=(health, list(stuck)), reconfigure=reconfigure, **others)
+        int(1e9), body, announced=(health, dict([stuck] if stuck else [])),
+        reconfigure=reconfigure, **others)
 
 
 def test_slalom_at_constant_attitude():
@@ -88,10 +89,10 @@ def test_a_tricopter_reaches_its_waypoint_though_its_tail_pushes_to_the_side():
 def test_announced_failure_of_one_servo_or_rotor(failure):
     given = files.read('hexarotor_tilting')
     vehicle = Vehicle.from_parameters(given)
-    health, stuck = [1.0, float(failure == 'servo'), *[1.0] * 4], [0.0]
+    health, stuck = [1.0, float(failure == 'servo'), *[1.0] * 4], ()
     if failure == 'servo':
-        stuck = [2.0, 0.5]
-    body = parts(vehicle.with_health(health).with_stuck_servos(stuck), given)[2]
+        stuck = (2, 0.5)
+    body = parts(vehicle.with_health(health).with_stuck_servos(stuck or 0.0), given)[2]
     change = announced(
         'hexarotor_tilting', body, health, stuck, waypoint=Waypoint.of(0.3, 0.0, 0.0, 0.0))
     flight = flown('hexarotor_tilting', 4.0, [change])

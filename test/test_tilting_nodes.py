@@ -47,7 +47,7 @@ def test_failures_are_read_and_named():
     stuck = RotorFailure.parse('2@1.5=-0.4rad')
     assert (stuck.rotor, stuck.time, stuck.angle) == (2, 1.5, -0.4)
     assert RotorFailure.parse(str(stuck)) == stuck
-    with pytest.raises(ParameterError, match=r'--fail 2@1=3rad: angle: expected -1 to 1 rad'):
+    with pytest.raises(ParameterError, match=r'^2@1=3rad: angle: expected -1 to 1 rad'):
         RotorFailures((RotorFailure(2, 1.0, angle=3.0),)).check(HEXAROTOR)
     with pytest.raises(ParameterError, match='no rotor of this vehicle tilts'):
         Vehicle.load('hexarotor').with_stuck_servos([1.0, 0.2])
@@ -79,7 +79,7 @@ def test_flights_over_ros_equal_those_offline_to_the_last_bit(
     case, trajectory = Case.load(name, [*PLANT, *settings]), Trajectory.read(path)
     flight = fly(
         case.controller(), case.allocator('exact'), case.plant(), trajectory.first, duration,
-        changes=[*case.failing('exact', given), *waypoint_changes(trajectory)])
+        changes=[*case.announced('exact', given), *waypoint_changes(trajectory)], failures=given)
     flight.write_csv(offline)
     out, err = graph.outlive(process)
     assert 'within bounds' in out, out + err

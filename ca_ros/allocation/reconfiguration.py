@@ -5,7 +5,7 @@ vehicle.  The news comes from several sources at any time; one object takes it, 
 made for less than the newest of all of them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any, Generic, TypeVar
@@ -30,7 +30,8 @@ Made = TypeVar('Made')
 class Configuration(Generic[Made]):
     """What was made, and what for; it is replaced as a whole.
 
-    - `settings`, `health` (n,), `voltage` [V]: the belief; the voltage is None if it is unknown
+    - `settings`, `health` (n,), `stuck`, `voltage` [V]: the belief; `stuck` has by rotor, from 1,
+      the angle at which its servo sticks [rad]; the voltage is None if it is unknown
     - `audit`: of the vehicle as it is believed to be
     - `made`: for that audit
     - `duration`: the time that audit and making took [s]
@@ -38,6 +39,7 @@ class Configuration(Generic[Made]):
 
     settings: Any
     health: Array
+    stuck: dict[int, float]
     voltage: float | None
     audit: Audit
     made: Made
@@ -48,8 +50,9 @@ class Reconfiguration(Generic[Made]):
     """Owns what is believed of a vehicle; makes what is made for it anew when that changes.
 
     The newest news of each source counts: the settings, with the health and the stuck servos of
-    their group `rotors`, the health that other sources report, and the voltage.  The health of a
-    rotor is the least over the sources.
+    their group `rotors`, the health and the stuck servos that other sources report, and the
+    voltage.  The health of a rotor is the least over the sources, and a servo sticks if a source
+    says so.
 
     Parameters
     ----------
@@ -71,6 +74,8 @@ class Reconfiguration(Generic[Made]):
         The newest voltage [V].
     reported : dict
         By source the newest health (n,).
+    reported_stuck : dict
+        By source the newest stuck servos: by rotor, from 1, the angle [rad].
 
     Raises
     ------
@@ -87,6 +92,7 @@ class Reconfiguration(Generic[Made]):
         given = settings.vehicle, settings.rotors, settings.allocation
         self._declared = Vehicle.from_settings(*given)
         self.reported: dict[str, Array] = {}
+        self.reported_stuck: dict[str, dict[int, float]] = {}
         self.voltage: float | None = None
         self.fault = ''
         self._failed: object = None
@@ -94,18 +100,32 @@ class Reconfiguration(Generic[Made]):
         report = accept(self._declared)
         found = make(settings, report, None) if made is None else made
         self.in_force: Configuration[Made] = Configuration(
-            settings, self._declared.health, None, report, found, perf_counter() - begun)
+            settings, self._declared.health, self._stuck(settings), None, report, found,
+            perf_counter() - begun)
 
-    def report(self, source: str, health: ArrayLike) -> bool:
+    def report(
+        self, source: str, health: ArrayLike, stuck: Mapping[int, float] | None = None
+    ) -> bool:
         """Take the health (n,) that a source reports; return whether something new is in force.
 
-        Raises a ParameterError if it is not n numbers in [0, 1].
+        `stuck` are the servos that it reports to stick: by rotor, from 1, the angle [rad].  Raises
+        what `check` raises.
+        """
+        self.reported[source] = self.check(health, stuck)
+        self.reported_stuck[source] = dict(stuck or {})
+        return self._follow()
+
+    def check(self, health: ArrayLike, stuck: Mapping[int, float] | None = None) -> Array:
+        """Return the health (n,) of a report; see `report`.
+
+        Raises a ParameterError if it is not n numbers in [0, 1], or a servo cannot stick there.
         """
         shares, n = floats(health), self._declared.n
         if shares.shape != (n,) or not ((shares >= 0.0) & (shares <= 1.0)).all():
             raise ParameterError(f'rotor health {shares}: expected {n} numbers in [0, 1]')
-        self.reported[source] = shares
-        return self._follow()
+        for rotor, angle in (stuck or {}).items():
+            self._declared.with_stuck_servo(rotor, angle)
+        return shares
 
     def measure(self, voltage: float) -> bool:
         """Take the voltage of the battery [V]; return whether something new is in force.
@@ -124,15 +144,16 @@ class Reconfiguration(Generic[Made]):
         making it raises, a ValueError if the settings are wrong.
         """
         now = self.in_force
-        health, voltage = self._health(settings), self._voltage()
-        if not self._differs(settings, health, voltage):
+        health, stuck, voltage = self._health(settings), self._stuck(settings), self._voltage()
+        if not self._differs(settings, health, stuck, voltage):
             return now if settings is now.settings else replace(now, settings=settings)
         begun = perf_counter()
-        vehicle = self._declared.with_stuck_servos(settings.rotors.stuck_servos)
-        vehicle = vehicle.with_health(health)
+        vehicle = self._declared.with_stuck_servos(
+            [x for pair in stuck.items() for x in pair] or 0.0).with_health(health)
         report = accept(vehicle if voltage is None else vehicle.at_voltage(voltage), 'drop')
         made = self._make(settings, report, now.made)
-        return Configuration(settings, health, voltage, report, made, perf_counter() - begun)
+        return Configuration(
+            settings, health, stuck, voltage, report, made, perf_counter() - begun)
 
     def adopt(self, configuration: Configuration[Made]) -> None:
         """Put in force what was prepared last."""
@@ -150,7 +171,7 @@ class Reconfiguration(Generic[Made]):
     def _follow(self) -> bool:
         """Put the newest belief in force; if it cannot be made, say so in `fault`."""
         settings = self.in_force.settings
-        belief = self._health(settings).tobytes(), self._voltage()
+        belief = self._health(settings).tobytes(), self._stuck(settings), self._voltage()
         if belief == self._failed:
             return False
         try:
@@ -168,16 +189,28 @@ class Reconfiguration(Generic[Made]):
             health = np.minimum(health, each)
         return health
 
+    def _stuck(self, settings: Any) -> dict[int, float]:
+        """Return the servos that stick by any source; a ParameterError if there are none such."""
+        found, numbers = {}, np.ravel(np.asarray(settings.rotors.stuck_servos, dtype=float))
+        if numbers.tolist() != [0.0]:
+            self._declared.with_stuck_servos(numbers)
+            found = dict(numbers.reshape(-1, 2).tolist())
+        for each in self.reported_stuck.values():
+            found |= each
+        return found
+
     def _voltage(self) -> float | None:
         newest, held = self.voltage, self.in_force.voltage
         if newest is None or held is None:
             return newest
         return newest if abs(newest - held) > VOLTAGE_STEP * held else held
 
-    def _differs(self, settings: Any, health: Array, voltage: float | None) -> bool:
-        """Return whether settings, health and voltage ask for another build than that in force."""
+    def _differs(
+        self, settings: Any, health: Array, stuck: dict[int, float], voltage: float | None
+    ) -> bool:
+        """Return whether settings and belief ask for another build than that in force."""
         now = self.in_force
-        if voltage != now.voltage or not np.array_equal(health, now.health):
+        if (stuck, voltage) != (now.stuck, now.voltage) or not np.array_equal(health, now.health):
             return True
         if settings is now.settings:
             return False

@@ -71,9 +71,9 @@ def _bringup(plan: Plan, out: Path, interrupts: list[int]) -> int:
         write_results(plan, out, error.flown)
         raise
     foreign = 'controller' in plan.replacements
-    shares = None if foreign else served(flown, plan.trajectory, plan.failures)
+    shares = None if foreign else served(flown, plan.trajectory)
     cuts = () if shares is None else shares.cuts
-    summary, reached = summarize(flown, plan.trajectory.last, plan.failures, cuts, plan.tolerance)
+    summary, reached = summarize(flown, plan.trajectory.last, cuts, plan.tolerance)
     print(summary)
     write_results(plan, out, flown, shares)
     if bag:
@@ -106,7 +106,7 @@ def write_results(plan: Plan, out: Path, flown: Flown, shares: Served | None = N
         flown.flight.write_csv(files[0])
     try:
         figure = None
-        moments = plan.failures.moments(flown.detected.values())
+        moments = flown.failures.moments(flown.detected.values())
         for form in plan.figures:
             figure = figure or draw_flight(
                 flown.flight, flown.vehicle, plan.trajectory, plan.figure_width, moments, shares)

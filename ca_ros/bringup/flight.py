@@ -15,16 +15,17 @@ from rclpy.executors import SingleThreadedExecutor
 
 from ca_ros.bringup.agreement import check, combined
 from ca_ros.bringup.bag import Bag
-from ca_ros.bringup.plan import Plan
+from ca_ros.bringup.plan import FAILURES, Plan
 from ca_ros.bringup.recorder import Recorder
 from ca_ros.bringup.reports import Reports
-from ca_ros.bringup.scenario import Timeline
+from ca_ros.bringup.scenario import Scenario
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.fault_proxy import PREFIX
 from ca_ros.nodes.link_faults import LINK_NAMES
 from ca_ros.nodes.topics import SPEEDS
 from ca_ros.process.processes import Deadline, Processes
 from ca_ros.simulation.record import Flight
+from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.vehicle.vehicle import Vehicle
 
 PROGRESS_TIMEOUT = 60.0  # time without progress after which a start or flight is given up [s]
@@ -38,9 +39,9 @@ class Flown:
 
     `respawned` and `timeouts` count those of each node that had some.  `faults` counts the
     messages that the fault proxy received, and those with each fault.  `parameters` are those of
-    the nodes by name, see `combined`, and `vehicle` is theirs.  `stops` tells whether the timeout
-    action of a node is to stop the rotors.  `detected` are the times of flight at which the
-    monitor found failures [s], by rotor, from 1.
+    the nodes by name, see `combined`, and `vehicle` and `failures` are theirs.  `stops` tells
+    whether the timeout action of a node is to stop the rotors.  `detected` are the times of flight
+    at which the monitor found failures [s], by rotor, from 1.
     """
 
     flight: Flight
@@ -50,6 +51,7 @@ class Flown:
     faults: Counter[str]
     parameters: dict[str, Any]
     vehicle: Vehicle
+    failures: RotorFailures = field(default_factory=RotorFailures)
     stops: bool = False
     detected: Mapping[int, float] = field(default_factory=dict)
 
@@ -113,15 +115,16 @@ class Session:
         common = combined(parameters)
         vehicle = Vehicle.from_parameters(common)
         recorder.samples.expect(vehicle.n, len(vehicle.servos))
-        timeline = Timeline(recorder, trajectory, plan.failures, parameters, vehicle)
-        timeline.update(None, self._spin)
-        recorder.send(trajectory.first)
+        scenario = Scenario(recorder, trajectory, plan.failures, parameters, vehicle)
+        if plan.respawn and scenario.failures.failures:
+            raise CaRosError(f'--respawn: not with {FAILURES}, since it restarts the flight')
+        scenario.begin(self._spin)
         began = time.monotonic()
         try:
             progress, patience = 0.0, Patience()
             while progress < duration:
                 self._spin()
-                timeline.update(recorder.elapsed, self._spin)
+                scenario.update(recorder.elapsed)
                 if recorder.waiting and not recorder.missing():
                     recorder.send(trajectory.first)
                 if (elapsed := (recorder.elapsed or 0) / 1e9) != progress:
@@ -135,7 +138,8 @@ class Session:
             wall = time.monotonic() - began
             counts = self._processes.respawned, none, none
             raise EndedEarlyError(
-                str(error), Flown(flight, wall, *counts, common, vehicle)) from None
+                str(error),
+                Flown(flight, wall, *counts, common, vehicle, scenario.failures)) from None
         if bag:
             end = recorder.end(duration)
             self._wait(lambda: bag.behind(end))
@@ -151,7 +155,8 @@ class Session:
         stops = any(own.get('timeout_action') == 'stop' for own in parameters.values())
         detected = {rotor: (time - start) / 1e9 for rotor, time in found.items()}
         counts = self._processes.respawned, self._reports.timeouts(), faults
-        return Flown(flight, wall, *counts, common, vehicle, stops, detected)
+        return Flown(
+            flight, wall, *counts, common, vehicle, scenario.failures, stops, detected)
 
     def _lacking(self, topics: list[str], seconds: float) -> str:
         faults = self._reports.faults_of_nodes()

@@ -10,6 +10,7 @@ from ca_ros.control.trajectory import COLUMNS, Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.settings import ParameterError
 from ca_ros.simulation.rotor_failures import ANNOUNCE, LATEST, RotorFailure, RotorFailures
+from ca_ros.vehicle.vehicle import Vehicle
 
 POSITION, HEADING = (1.0, 1.0, 1.0), 45.0  # the paper's waypoint [m, degrees]
 
@@ -56,15 +57,22 @@ def trajectory_of(options: argparse.Namespace) -> Trajectory:
     return Trajectory.to(Waypoint.of(x, y, z, math.radians(angle)))
 
 
-def failures_of(options: argparse.Namespace) -> RotorFailures:
+def failures_of(options: argparse.Namespace, vehicle: Vehicle | None = None) -> RotorFailures:
     """Return the failures that the options name.
 
-    Raises a ParameterError if two are the same, or one is after the end of the flight.
+    Raises a ParameterError if two are the same, one is after the end of the flight, or the vehicle
+    cannot have it.
     """
     for each in options.fail:
         if each.time >= options.duration:
             raise ParameterError(f'--fail {each}: --duration is {options.duration:g} s')
-    return RotorFailures(tuple(options.fail), options.announce)
+    try:
+        failures = RotorFailures(tuple(options.fail), options.announce)
+        if vehicle is not None:
+            failures.check(vehicle)
+    except ParameterError as error:
+        raise ParameterError(f'--fail {error}') from None
+    return failures
 
 
 def trajectory_words(options: argparse.Namespace) -> list[str]:
@@ -81,14 +89,9 @@ def trajectory_words(options: argparse.Namespace) -> list[str]:
 
 def failure_words(failures: RotorFailures) -> list[str]:
     """Return the options that name these failures, for a command line."""
-    texts = [
-        f'{each.rotor}@{each.time!r}='
-        + (f'{each.health!r}' if each.angle is None else f'{each.angle!r}rad')
-        for each in failures.failures
-    ]
     announce = 'never' if failures.announce is None else repr(failures.announce)
-    return [word for text in texts for word in ('--fail', text)] + (
-        ['--announce', announce] if texts else []
+    return [word for each in failures.failures for word in ('--fail', str(each))] + (
+        ['--announce', announce] if failures.failures else []
     )
 
 

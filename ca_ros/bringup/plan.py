@@ -1,5 +1,6 @@
 """The plan of a flight, and the commands that start the nodes for it."""
 
+import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +19,8 @@ from ca_ros.vehicle.files import ParameterFile
 from ca_ros_cli import HINTS, NODES
 
 POSITION_TOLERANCE = 0.02  # greatest distance from the waypoint at the end of a flight [m]
+
+FAILURES = 'simulator.failures'
 
 RUN = sys.executable, '-m', 'ca_ros_cli'
 """Runs a command of the package, whose name and arguments follow."""
@@ -63,7 +66,10 @@ class Plan:
         others = any(word == '--params-file' or 'rotors.' in word for word in self.ros)
         if file is not None and not others:
             # The flight checks it again, with the parameters that the nodes have.
-            self.failures.check(vehicle_of(file, full_name(self.namespace, 'simulator')))
+            try:
+                self.failures.check(vehicle_of(file, full_name(self.namespace, 'simulator')))
+            except ParameterError as error:
+                raise ParameterError(f'--fail {error}') from None
         space = ['-r', f'__ns:={self.namespace}']
         lines = {}
         for name in (*NODES, *['monitor'] * self.detect, *['viewer'] * self.view):
@@ -80,6 +86,8 @@ class Plan:
             lines[name] = [*node, *own, '--', *vehicle, *self.ros, '--ros-args', *chosen]
             if self.detect and 'await_health' in table(kind):
                 lines[name] += ['-p', 'await_health:=true']
+            if self.failures.failures and name == 'simulator':
+                lines[name] += _parameters([f'{FAILURES}:={json.dumps(self.failures.words)}'])
         if self.faults is not None:
             own = ['--ros-args', *space, *_parameters(self.faults)]
             lines['fault_proxy'] = [*RUN, 'fault_proxy', *own]

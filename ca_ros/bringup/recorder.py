@@ -1,6 +1,6 @@
 """The recorder: a node that sends the waypoint and records the flight."""
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import partial
 from typing import Any
 
@@ -9,15 +9,17 @@ from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
+from ca_ros.arrays import Array
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.errors import CaRosError
 from ca_ros.nodes import topics
 from ca_ros.nodes.link_faults import LINK_NAMES
-from ca_ros.nodes.messages import speeds_stamp
-from ca_ros.nodes.topics import STANDING, Topic, offered
+from ca_ros.nodes.messages import announcement, speeds_stamp, stamp
+from ca_ros.nodes.topics import STANDING, Topic, deep
 from ca_ros.parameter_files import DECLARED
 from ca_ros.process.parameters import Call, ParameterClient
 from ca_ros.process.processes import Deadline
@@ -42,11 +44,13 @@ class Recorder(Node):
         super().__init__(node_name, **kwargs)
         self._links = links
         self._waypoint = self._offer_waypoint()
+        topic = topics.ANNOUNCED_HEALTH
+        self._announced = self.create_publisher(topic.kind, topic.name, self._lasting())
         self._streams: list[tuple[Subscription, Callable[[Any], None]]] = []
-        self.parameter_clients = {node: ParameterClient(self, node) for node in DECLARED}
+        self._parameter_clients = {node: ParameterClient(self, node) for node in DECLARED}
         # The names come first: a request of a parameter that is not declared has no values.
         self._calls: dict[str, Call[list[Any]]] = {
-            node: client.names() for node, client in self.parameter_clients.items()
+            node: client.names() for node, client in self._parameter_clients.items()
         }
         self._names: dict[str, list[str]] = {}
         self._foreign = foreign
@@ -58,13 +62,14 @@ class Recorder(Node):
     def restart(self) -> None:
         """Discard the flight, with its messages in the queues."""
         self._goal: Waypoint | None = None
+        self._stamped = False
         # The old publisher would send its last waypoint to the next controller.
         self.destroy_publisher(self._waypoint)
         self._waypoint = self._offer_waypoint()
         for stream, _ in self._streams:
             self.destroy_subscription(stream)
         # The deep queues of lockstep, so that no message is lost in real time either.
-        quality = offered('lockstep')
+        quality = deep()
         self.samples = Samples()
         receivers: dict[Topic, Callable[[Any], None]] = {
             topics.SPEED_COMMAND: self._receive_command,
@@ -77,7 +82,15 @@ class Recorder(Node):
 
     def _offer_waypoint(self) -> Publisher:
         topic, events = topics.WAYPOINT, PublisherEventCallbacks(matched=self._greet)
-        return self.create_publisher(topic.kind, topic.name, STANDING, event_callbacks=events)
+        quality = self._lasting()
+        return self.create_publisher(topic.kind, topic.name, quality, event_callbacks=events)
+
+    @staticmethod
+    def _lasting() -> QoSProfile:
+        """Return the QoS of messages that late nodes get, too, all of them."""
+        quality = deep()
+        quality.durability = STANDING.durability
+        return quality
 
     def drain(self) -> None:
         """Take all messages, in a fraction of the time of an executor."""
@@ -132,21 +145,43 @@ class Recorder(Node):
                 f'{self.resolve_topic_name(node)} lacks parameters of the {node}: another node '
                 'has its name; end it, or choose another --namespace'
             )
-        self._calls[node] = self.parameter_clients[node].get(names)
+        self._calls[node] = self._parameter_clients[node].get(names)
 
-    def send(self, waypoint: Waypoint) -> None:
-        """Send the waypoint; the flight begins when the rotors start."""
-        self._goal = waypoint
+    def send(self, waypoint: Waypoint, time: int = 0) -> None:
+        """Send a waypoint; the flight begins when the rotors start.
+
+        It holds from a stamp on [ns]; 0: at once.
+        """
+        if time:
+            self._stamped = True
+        else:
+            self._goal = waypoint
         message = PoseStamped()
-        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.stamp = stamp(time)
         p, q = message.pose.position, message.pose.orientation
         p.x, p.y, p.z = waypoint.position.tolist()
         q.x, q.y, q.z, q.w = waypoint.attitude.tolist()
         self._waypoint.publish(message)
 
+    def announce(self, health: Array, stuck: Mapping[int, float], time: int = 0) -> None:
+        """Announce the health (n,) of the rotors, and stuck servos: by rotor the angle [rad].
+
+        It holds from a stamp on [ns]; 0: at once.
+        """
+        self._announced.publish(announcement(health, stuck, time or None))
+
+    def deaf(self, nodes: Collection[str]) -> list[str]:
+        """Return which of the nodes do not hear announcements."""
+        topic = topics.ANNOUNCED_HEALTH.name
+        heard = [each.node_name for each in self.get_subscriptions_info_by_topic(topic)]
+        absent = [name for name in nodes if name not in heard]
+        # A program of one's own may have another name.
+        return absent if self._announced.get_subscription_count() < len(nodes) else []
+
     def delivered(self) -> bool:
-        """Return whether every controller has received the last waypoint."""
-        return bool(self._waypoint.wait_for_all_acked(Duration(seconds=0.1)))
+        """Return whether all that was sent has been received."""
+        limit = Duration(seconds=0.1)
+        return all(each.wait_for_all_acked(limit) for each in (self._waypoint, self._announced))
 
     @property
     def waiting(self) -> bool:
@@ -155,7 +190,7 @@ class Recorder(Node):
 
     def _greet(self, event: QoSPublisherMatchedInfo) -> None:
         """Send the waypoint to a controller that starts late or was restarted."""
-        if self._goal is not None and event.current_count_change > 0:
+        if self._goal is not None and not self._stamped and event.current_count_change > 0:
             self.send(self._goal)
 
     @property

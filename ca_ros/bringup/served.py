@@ -15,7 +15,6 @@ from ca_ros.parameter_files import ControllerNodeSettings
 from ca_ros.problem.audit import Audit
 from ca_ros.problem.limits import shares
 from ca_ros.settings import ParameterError, read, table
-from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.vehicle.settings import AXES
 
 SERVED = 1e-3
@@ -34,7 +33,7 @@ class Served:
     cuts: tuple[str, ...]
 
 
-def served(flown: Flown, trajectory: Trajectory, failures: RotorFailures) -> Served | None:
+def served(flown: Flown, trajectory: Trajectory) -> Served | None:
     """Compute the demands of a flight anew from its samples, and compare them with its speeds.
 
     What limits an axis is that of `exact` at the sample where the share is smallest.  Return None
@@ -53,7 +52,7 @@ def served(flown: Flown, trajectory: Trajectory, failures: RotorFailures) -> Ser
     worst: dict[int, tuple[float, int, Controller, Array]] = {}
     known = Reconfiguration[Controller](settings, _controller)
     for i, time in enumerate(np.round(flight.time * 1e9).astype(int).tolist()):
-        believed = _believed(flown, failures, time)
+        believed = _believed(flown, time)
         known.report('flight', believed)
         controller = known.in_force.made
         problem = controller.problem
@@ -86,10 +85,10 @@ def _controller(
     return Controller.from_settings(report.vehicle, settings, before)
 
 
-def _believed(flown: Flown, failures: RotorFailures, time: int) -> Array:
+def _believed(flown: Flown, time: int) -> Array:
     """Return the health (n,) that the nodes know of at a time of flight [ns]."""
-    health = failures.health(flown.vehicle.health, time, told=True)
-    actual = failures.health(flown.vehicle.health, time)
+    health = flown.failures.known(flown.vehicle, time).health.copy()
+    actual = flown.failures.after(flown.vehicle, time).health
     for rotor, found in flown.detected.items():
         if round(found * 1e9) <= time:
             health[rotor - 1] = actual[rotor - 1] if actual[rotor - 1] < 1.0 else 0.0

@@ -12,7 +12,6 @@ from ca_ros.bringup.plan import POSITION_TOLERANCE
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.audit import audit
 from ca_ros.simulation.record import Flight
-from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.vehicle.state import difference
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 
@@ -23,7 +22,7 @@ HEADING_TOLERANCE = math.radians(0.5) / 0.02  # of the heading, over that of the
 
 
 def summarize(
-    flown: Flown, waypoint: Waypoint, failures: RotorFailures, cuts: Sequence[str] = (),
+    flown: Flown, waypoint: Waypoint, cuts: Sequence[str] = (),
     tolerance: float = POSITION_TOLERANCE,
 ) -> tuple[str, bool]:
     """Return the summary of a flight, and whether the waypoint was reached.
@@ -36,7 +35,7 @@ def summarize(
     posed = flown.parameters.get('controller.attitude') == 'pose'
     error, heading_error = flight.position_error(waypoint), flight.heading_error(waypoint)
     end = round(flight.time[-1] * 1e9)
-    last = _known(flown, failures, end, told=False)
+    last = flown.failures.after(vehicle, end)
     lost = audit(last).lost
     reached = error <= tolerance
     if 'yaw' in lost:
@@ -45,7 +44,7 @@ def summarize(
         heading_error = flight.attitude_error(waypoint) if posed else heading_error
         reached = reached and heading_error <= HEADING_TOLERANCE * tolerance
         away = f'{1e3 * error:.1f} mm and {math.degrees(heading_error):.3f} degrees away'
-    speeds, inside = flight.speeds, 'within' if _within_bounds(flown, failures) else 'OUT OF'
+    speeds, inside = flight.speeds, 'within' if _within_bounds(flown) else 'OUT OF'
     how = f'{mode}, {len(flight.time)} samples, in {flown.wall:.1f} s'
     span = f'{speeds.min():.1f} to {speeds.max():.1f} rad/s in flight'
     lines = [
@@ -58,7 +57,7 @@ def summarize(
         ends = ', '.join(f'{angle + 0.0:.3f}' for angle in flight.angles[-1].round(3))
         lines.append(f'  tilt angles   {ends} rad at the end')
     lines += [f'  cut           {text}' for text in cuts]
-    lines += _failures(flown, failures)
+    lines += _failures(flown)
     weak = ', '.join(
         f'rotor {i + 1} lost' if health < HEALTH_MIN else f'rotor {i + 1} at {100.0 * health:g} %'
         for i, health in enumerate(last.health) if health < 1.0
@@ -74,23 +73,23 @@ def summarize(
     return '\n'.join(lines), reached
 
 
-def _failures(flown: Flown, failures: RotorFailures) -> list[str]:
+def _failures(flown: Flown) -> list[str]:
     """Return lines on when rotors failed, and who said so."""
-    lines = []
+    lines, failures = [], flown.failures
     for each in failures.failures:
         if each.time > flown.flight.time[-1]:
             continue
         what = 'lost' if each.health < HEALTH_MIN else f'at {100.0 * each.health:g} %'
         if each.angle is not None:
             what = f'stuck at {each.angle:g} rad'
-        told = []
+        known = []
         if each.rotor in flown.detected:
-            told.append(f'detected at {flown.detected[each.rotor]:.2f} s')
+            known.append(f'detected at {flown.detected[each.rotor]:.2f} s')
         if failures.announce is not None:
-            told.append(f'announced at {each.time + failures.announce:.2f} s')
-        elif told:
-            told.append('never announced')
-        said = ', '.join(told) or 'never announced or detected'
+            known.append(f'announced at {each.time + failures.announce:.2f} s')
+        elif known:
+            known.append('never announced')
+        said = ', '.join(known) or 'never announced or detected'
         lines.append(f'  failure       rotor {each.rotor} {what} at {each.time:.2f} s, {said}')
     for rotor in sorted(flown.detected.keys() - {each.rotor for each in failures.failures}):
         lines.append(f'  FALSE ALARM   rotor {rotor} at {flown.detected[rotor]:.2f} s')
@@ -146,15 +145,15 @@ def _approach(flight: Flight, waypoint: Waypoint, spins: bool, tolerance: float)
     return f'by {(error[0] - error[-1]) / time:.3g} {unit}/s'
 
 
-def _within_bounds(flown: Flown, failures: RotorFailures) -> bool:
+def _within_bounds(flown: Flown) -> bool:
     """Return whether each rotor kept its bounds as known at the time: 0 for a lost rotor."""
     flight, vehicle = flown.flight, flown.vehicle
     times = np.round(flight.time * 1e9)
     before = vehicle
     commands = np.column_stack([flight.speeds, flight.angles])
     inside = np.ones(commands.shape, dtype=bool)
-    for start in [0, *failures.times()]:
-        believed = _known(flown, failures, start, told=True)
+    for start in [0, *flown.failures.announced_times]:
+        believed = flown.failures.known(vehicle, start)
         later = times >= start
         inside[later] = _inside(commands[later], believed)
         if flown.parameters['mode'] == 'realtime':
@@ -174,10 +173,3 @@ def _inside(commands: Array, vehicle: Vehicle) -> BoolArray:
     limits = zip(vehicle.speed_limits, vehicle.servos.limits, strict=True)
     low, high = map(np.concatenate, limits)
     return (commands >= low) & (commands <= high)
-
-
-def _known(flown: Flown, failures: RotorFailures, time: int, told: bool) -> Vehicle:
-    """Return the vehicle at a time of flight [ns], as it is or as it is announced."""
-    vehicle, pairs = flown.vehicle, flown.parameters.get('rotors.stuck_servos', 0.0)
-    health, stuck = failures.values(vehicle.health, pairs, time, told)
-    return vehicle.with_health(health).with_stuck_servos(stuck)

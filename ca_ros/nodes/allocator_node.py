@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable
 from importlib.util import find_spec
 from math import ceil, inf
-from time import monotonic, monotonic_ns, perf_counter, perf_counter_ns, sleep
+from time import monotonic, perf_counter, perf_counter_ns, sleep
 from traceback import format_exc
 from typing import Any, ClassVar
 
@@ -15,11 +15,9 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray, Int8MultiArray
 
 from ca_ros.allocation import ALLOCATORS, Allocation, Status
-from ca_ros.allocation.rates import PERIOD_MAX
 from ca_ros.allocation.settings import check_other_methods
 from ca_ros.arrays import Array
 from ca_ros.nodes import messages, topics
-from ca_ros.nodes.answers import Answers
 from ca_ros.nodes.belief import Belief
 from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.messages import WrenchCommand, fill_speeds, speeds_message, wrench_message
@@ -36,7 +34,6 @@ ACKNOWLEDGED_MAX = 2.0  # longest wait for the motors to acknowledge the last co
 EXPLAINED_MAX = 10000  # choices of rotors up to which answers are explained, in time
 LATENCIES = 5000  # number of latest latencies that the percentiles cover
 LOST = -2  # saturation of a lost rotor; one at its lower bound has -1
-PERIOD_MAX_NS = round(1e9 * PERIOD_MAX)
 REPEATS = 5  # repeats of the last command, since best-effort delivery is not acknowledged
 
 
@@ -62,12 +59,11 @@ class AllocatorNode(Node):
         super().__init__(node_name, **kwargs)
         self.parameters = Parameters(self, self.declared, self.known)
         settings = self.parameters.settings
-        self._mode = settings.mode
+        self._mode = self.parameters.mode
         self._loaded = dict.fromkeys((*ALLOCATORS, settings.allocation.method))
         self._durations: dict[str, float] = {}
         self._answer: Allocation | None = None
         self._held: WrenchCommand | None = None
-        self._answers = Answers()
         self._refused = -inf, ''
         self._latencies: deque[int] = deque(maxlen=LATENCIES)
         self.diagnostics = Diagnostics(self, 'allocation', self.hardware_id(settings))
@@ -75,12 +71,8 @@ class AllocatorNode(Node):
         self.belief = self.belief_type(
             self, self.parameters, self.diagnostics, self._make, self._adopt)
         self._adopt()
-        # Before the first command, at 0 in lockstep, the rotors have all the time that counts.
-        self._newest = -PERIOD_MAX_NS
+        self._newest = 0
         self._last: Array = self._made.idle
-        # The command before that of the newest moment [ns], and its moment.
-        self._moment, self._before = self._newest, (self._last, self._newest)
-        self._published = monotonic_ns() - PERIOD_MAX_NS
         self.watchdog = CommandWatch(
             self, self.parameters, self.diagnostics, fall_back=self._fall_back,
             missing=self._missing)
@@ -130,7 +122,7 @@ class AllocatorNode(Node):
             known = ', '.join(self._loaded)
             raise ParameterError(f'allocation.method: {method} {text} {known}')
         took, limit = self._durations.get(method, 0.0), settings.command_timeout
-        in_flight = before is not None and self._mode == 'realtime'
+        in_flight = before is not None and self._mode.clocked
         if in_flight and names_class(method) and took > limit:
             raise ParameterError(
                 f'allocation.method: {method} took {took:.3g} s to build at the start, longer '
@@ -206,8 +198,8 @@ class AllocatorNode(Node):
         for _ in range(REPEATS):
             self._fall_back(action)
             sleep(TICK)
-        if self._mode == 'realtime':
-            # In lockstep the queue is deep, and Fast DDS asks for its acknowledgement after 3 s.
+        if self._mode.clocked:
+            # Of a deep queue Fast DDS asks for the acknowledgement after 3 s.
             self._speeds.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_MAX))
 
     def _serve_held(self) -> None:
@@ -221,21 +213,21 @@ class AllocatorNode(Node):
             return
         began = perf_counter_ns()
         self._counts['received'] += 1
-        time, made = command.time, self._made
+        time, mode = command.time, self._mode
         if fault := self._fault(command, time):
             self.diagnostics.drop(*fault)
             return
-        lockstep = self._mode == 'lockstep'
-        if lockstep and (kept := self._answers.again(time, command, made)):
-            answer, found = kept
+        mode.advance(time)
+        made = self._made
+        if known := mode.recall(time, command, made):
+            answer, found = known
             self._publish(found, time)
             for key in 'served', answer.status.name.lower():
                 self._counts[key] += 1
             self._report(command, answer)
             return
         try:
-            # Without a stamp a wrench counts as commanded when it arrives.
-            moment = time if time or lockstep else self.get_clock().now().nanoseconds
+            moment = mode.moment(time, self.get_clock())
             answer = self._allocate(command, moment)
             if not isinstance(answer, Allocation) or answer.thrusts.dtype.kind not in 'iuf':
                 raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
@@ -253,10 +245,9 @@ class AllocatorNode(Node):
         else:
             self._publish(found, time)
             self.watchdog.feed()
-            self._last, self._newest, self._moment = found, time, moment
-            self._published = monotonic_ns()
-            if lockstep:
-                self._answers.keep(command, made, (answer, found))
+            self._last, self._newest = found, time
+            mode.commanded(moment)
+            mode.remember(command, made, (answer, found))
             self._counts['served'] += 1
             self._latencies.append(perf_counter_ns() - began)
         self._counts[status.name.lower()] += 1
@@ -266,20 +257,8 @@ class AllocatorNode(Node):
         """Return the answer to a wrench, within what the rotors reach since the one before."""
         made, wrench = self._made, command.wrench
         u = [wrench[row] for row in made.rows]
-        if self._mode == 'realtime':
-            elapsed = moment - self._moment
-            if elapsed <= 0:
-                # A clock that stands still, or runs back, says nothing of what rotors reach.
-                elapsed = monotonic_ns() - self._published
-            return made.within_rates.allocate(u, self._last, elapsed, 0)
-        if moment != self._moment:
-            # A second wrench with the same stamp replaces the first.
-            self._before = self._last, self._moment
-        if moment == 0:
-            # A flight in lockstep begins, maybe after a reset of the simulator.
-            self._before = made.idle, -PERIOD_MAX_NS
-        last, before = self._before
-        return made.within_rates.allocate(u, last, moment, before)
+        last, elapsed = self._mode.previous(self._last, moment, made.idle)
+        return made.within_rates.allocate(u, last, elapsed, 0)
 
     def _refuse(self, why: str) -> None:
         """Leave the rotors to the watchdog, from the first command on."""
@@ -309,7 +288,7 @@ class AllocatorNode(Node):
         """Publish a timeout action."""
         self._last = self._made.at_rest(action, self._last)
         self._publish(self._last, None)
-        self._published = monotonic_ns()
+        self._mode.commanded()
 
     def _publish(self, command: Array, time: int | None) -> None:
         """Publish speeds and angles that answer a wrench with a stamp [ns], or none."""

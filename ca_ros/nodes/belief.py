@@ -1,6 +1,7 @@
 """What a node believes of the vehicle: its parameters, and what others report."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from math import inf
 from time import monotonic
 from typing import Any
@@ -10,12 +11,13 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.allocation.reconfiguration import Reconfiguration
+from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics, Level
-from ca_ros.nodes.messages import speeds_stamp
+from ca_ros.nodes.messages import read_announcement, speeds_stamp
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import Streams
-from ca_ros.nodes.topics import STANDING
+from ca_ros.nodes.topics import STANDING, standing
 from ca_ros.problem.audit import Audit
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.validation import repeated
@@ -23,14 +25,17 @@ from ca_ros.vehicle.validation import repeated
 BATTERY_TIMEOUT = 5.0
 """Time without a sound voltage, after there was one, from which a warning begins [s]."""
 
+SOUND = 'no rotor below the parameter rotors.health'
+
 Make = Callable[[Any, Audit, Any], Any]
 
 
 class Belief:
     """Keeps a `Reconfiguration` up to date: with the parameters, and with topics.
 
-    The health in use is the lesser of the parameter `rotors.health` and of the last sound message
-    on `rotor_health`, for each rotor.  The last message holds if its publisher ends, with a
+    The health in use is the least, for each rotor, of the parameter `rotors.health` and of the
+    last sound messages on `rotor_health` and `rotor_health/announced`; the second one may also
+    name servos that stick.  The last message on `rotor_health` holds if its publisher ends, with a
     warning, and so does the last sound voltage on `battery`; before the first one, the bounds are
     those of the settings.
 
@@ -44,32 +49,34 @@ class Belief:
     ) -> None:
         self._node, self._parameters, self._diagnostics = node, parameters, diagnostics
         self._adopted = adopted
-        self._current = Reconfiguration[Any](parameters.settings, make)
-        parameters.on_change(self._current.prepare, self._adopt)
+        self.current = Reconfiguration[Any](parameters.settings, make)
+        parameters.on_change(self.current.prepare, self._adopt)
         self._health_time = -1
         self._voltage_time = inf
         self._logged_audit: Audit | None = None
-        self._logged_health = np.ones(self.audit.vehicle.n)
+        self._logged_reports: dict[str, tuple[Array, str]] = {}
         self._logged_fault = ''
 
     @property
     def made(self) -> Any:
         """What was made for the belief in force."""
-        return self._current.in_force.made
+        return self.current.in_force.made
 
     @property
     def audit(self) -> Audit:
         """The audit of the belief in force."""
-        return self._current.in_force.audit
+        return self.current.in_force.audit
 
     def heed(self, streams: Streams, answer: Callable[[], None]) -> None:
-        """Subscribe to `rotor_health`, and to `battery` if the voltage matters.
+        """Subscribe to what is said of the health, and to `battery` if the voltage matters.
 
-        `answer` is called after each sound message of health, for what waited for it.
+        `answer` is called after each sound message of the monitor, for what waited for it.
         """
         self._answer = answer
-        topic = topics.ROTOR_HEALTH
-        self._node.create_subscription(topic.kind, topic.name, self._receive_health, STANDING)
+        create, topic = self._node.create_subscription, topics.ROTOR_HEALTH
+        create(topic.kind, topic.name, self._receive_health, STANDING)
+        topic, quality = topics.ANNOUNCED_HEALTH, standing(self._parameters.mode.name)
+        create(topic.kind, topic.name, self._receive_announcement, quality)
         if not np.any(self._parameters.settings.rotors.speed_max_per_volt):
             return
         try:
@@ -82,18 +89,19 @@ class Belief:
         streams.listen(BatteryState, topics.BATTERY, self._receive_battery)
 
     def waits(self, time: int) -> bool:
-        """Return whether the health for a state [ns] has still to come, in lockstep."""
-        settings = self._parameters.settings
-        awaited = settings.mode == 'lockstep' and settings.await_health
-        return bool(awaited and self._health_time < time)
+        """Return whether the health for a state [ns] has still to come."""
+        return self._parameters.mode.waits(time, self._health_time)
 
     def log(self) -> None:
         """Log what has changed since the last call: not while a command waits."""
-        reported = self._reported
-        if reported is not None and not np.array_equal(reported, self._logged_health):
-            self._logged_health = reported
-            self._node.get_logger().warning(f'rotor_health: {self._reductions(reported)}')
-        fault = self._current.fault
+        for name, reported in self.current.reported.items():
+            newest, text = self._logged_reports.get(name, (None, SOUND))
+            if reported is not newest:
+                now = self._reductions(reported, self.current.reported_stuck[name])
+                self._logged_reports[name] = reported, now
+                if now != text:
+                    self._node.get_logger().warning(f'{name}: {now}')
+        fault = self.current.fault
         if fault != self._logged_fault:
             self._logged_fault = fault
             text = f'not in force: {fault}' if fault else 'what is believed is in force again'
@@ -113,58 +121,75 @@ class Belief:
 
     def levels(self) -> list[Level]:
         """Return what is wrong with the vehicle and with those who report of it."""
-        found, voltage = list[Level](), self._current.voltage
+        found, voltage = list[Level](), self.current.voltage
         if voltage is not None and monotonic() - self._voltage_time > BATTERY_TIMEOUT:
             text = f'no sound voltage for {BATTERY_TIMEOUT:g} s: {voltage:.4g} V holds'
             found.append((WARN, text))
         topic = topics.ROTOR_HEALTH.name
-        if self._reported is not None and not self._node.count_publishers(topic):
+        if topic in self.current.reported and not self._node.count_publishers(topic):
             found.append((WARN, 'the publisher of rotor_health has ended: its last one holds'))
-        if self._current.fault:
-            found.append((ERROR, f'not in force: {self._current.fault}'))
+        if self.current.fault:
+            found.append((ERROR, f'not in force: {self.current.fault}'))
         return found if self.audit.sound else [*found, (ERROR, str(self.audit))]
 
     def values(self) -> Mapping[str, object]:
         """Return what is in force, for the diagnostics."""
-        now, vehicle, found = self._current.in_force, self.audit.vehicle, dict[str, object]()
+        now, vehicle, found = self.current.in_force, self.audit.vehicle, dict[str, object]()
         if now.voltage is not None:
             found['voltage in use [V]'] = f'{now.voltage:.4g}'
-        if self._reported is not None:
+        if self.current.reported:
             found['health in use'] = ', '.join(f'{share:.3g}' for share in vehicle.health)
         failed = {'lost rotors': np.flatnonzero(vehicle.lost).tolist()}
         if stuck := vehicle.servos.stuck_rotors:
             failed['stuck servos'] = stuck
         for name, rotors in failed.items():
             found[name] = ', '.join(f'{i + 1}' for i in rotors) or 'none'
-        return {**found, 'last build [ms]': f'{1e3 * now.duration:.2f}'}
-
-    @property
-    def _reported(self) -> Any:
-        return self._current.reported.get(topics.ROTOR_HEALTH.name)
+        waiting = self._parameters.mode.values()
+        return {**found, **waiting, 'last build [ms]': f'{1e3 * now.duration:.2f}'}
 
     def _adopt(self, prepared: Any) -> None:
-        self._current.adopt(prepared)
+        self.current.adopt(prepared)
         self._notify()
 
     def _notify(self) -> None:
         self._adopted()
         self._diagnostics.wait()
 
-    def _receive_health(self, message: Float64MultiArray) -> None:
+    def _report(self, name: str, *said: Any) -> bool:
+        """Believe what is reported on a topic; return whether it is sound."""
         try:
-            if self._current.report(topics.ROTOR_HEALTH.name, np.array(message.data)):
+            if self.current.report(name, *said):
                 self._notify()
         except ParameterError as error:
-            self._diagnostics.counts['refused health'] += 1
-            self._diagnostics.warn('health', f'refused {error}')
+            self._refuse(str(error))
+            return False
+        return True
+
+    def _refuse(self, why: str) -> None:
+        self._diagnostics.counts['refused health'] += 1
+        self._diagnostics.warn('health', f'refused {why}')
+
+    def _receive_health(self, message: Float64MultiArray) -> None:
+        if self._report(topics.ROTOR_HEALTH.name, np.array(message.data)):
+            time = speeds_stamp(message)
+            self._health_time = -1 if time is None else time
+            self._answer()
+
+    def _receive_announcement(self, message: Float64MultiArray) -> None:
+        name = topics.ANNOUNCED_HEALTH.name
+        try:
+            said = read_announcement(message, self.audit.vehicle.n)
+            self.current.check(*said)
+        except ParameterError as error:
+            self._refuse(f'{name}: {error}')
             return
-        time = speeds_stamp(message)
-        self._health_time = -1 if time is None else time
-        self._answer()
+        stamp = speeds_stamp(message) or 0
+        if not self._parameters.mode.take(stamp, name, partial(self._report, name, *said)):
+            self._refuse(f'{name}: too many announcements before their stamps')
 
     def _receive_battery(self, message: Any) -> None:
         try:
-            if self._current.measure(float(message.voltage)):
+            if self.current.measure(float(message.voltage)):
                 self._notify()
         except ParameterError as error:
             self._diagnostics.counts['refused voltages'] += 1
@@ -172,9 +197,10 @@ class Belief:
             return
         self._voltage_time = monotonic()
 
-    def _reductions(self, health: Any) -> str:
-        """Return in words where a report is below the parameter."""
+    def _reductions(self, health: Array, stuck: Mapping[int, float]) -> str:
+        """Return in words where a report is below the parameter, and which servos stick."""
         n = self.audit.vehicle.n
         parameter = repeated('rotors.health', self._parameters.settings.rotors.health, n)
         found = [f'rotor {i + 1} at {health[i]:.3g}' for i in np.flatnonzero(health < parameter)]
-        return ', '.join(found) or 'no rotor below the parameter rotors.health'
+        found += [f'servo of rotor {i} stuck at {angle:g} rad' for i, angle in stuck.items()]
+        return ', '.join(found) or SOUND

@@ -1,5 +1,6 @@
 """The controller node: state and waypoint in, wrench out."""
 
+from collections.abc import Callable
 from functools import partial
 from math import degrees, dist, hypot, inf
 from time import monotonic
@@ -17,14 +18,13 @@ from ca_ros.arrays import Array
 from ca_ros.control.controller import Controller
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes import messages, topics
-from ca_ros.nodes.answers import Answers
 from ca_ros.nodes.belief import Belief
 from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, wrench_message, wrong_frame
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import Streams
-from ca_ros.nodes.topics import COMMAND, STANDING
+from ca_ros.nodes.topics import COMMAND, STANDING, offered, standing
 from ca_ros.nodes.watchdog import CommandWatch
 from ca_ros.parameter_files import ControllerNodeSettings
 from ca_ros.problem.audit import Audit
@@ -52,16 +52,15 @@ class ControllerNode(Node):
         super().__init__(node_name, **kwargs)
         self.parameters = Parameters(self, self.declared)
         settings = self.parameters.settings
-        self._mode = settings.mode
+        self._mode = self.parameters.mode
         self._pose: PoseStamped | None = None
         self._velocity: TwistStamped | None = None
-        self._waypoint: Waypoint | None = None
+        self.waypoint: Waypoint | None = None
         self._waypoint_text = self._logged_text = ''
         self._came = dict.fromkeys(('pose', 'velocity', SAME_STAMP), -inf)
         self._standing: Subscription | None = None
-        self._open = False
+        self._open = self._heard = False
         self._tilt, self._nearest = 0.0, inf
-        self._answers = Answers()
         self.diagnostics = Diagnostics(self, 'control', str(settings.vehicle.name))
         self._counts = self.diagnostics.counts
         self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._adopt)
@@ -73,7 +72,8 @@ class ControllerNode(Node):
         self._wrench = self.streams.publish(topics.WRENCH)
         self._unallocated = self.streams.publish(topics.UNALLOCATED)
         # Subscriptions are served in this order, so a waypoint counts from the next state on.
-        self._listen_to_waypoints(COMMAND, matched=self._ask_for_waypoint)
+        self._listen_to_waypoints(
+            offered(self._mode.name), self._receive_new, matched=self._ask_for_waypoint)
         restart = topics.STATE_RESTART
         self.create_subscription(restart.kind, restart.name, self._receive_restart, COMMAND)
         self.streams.subscribe(topics.POSE, self._receive_pose)
@@ -85,20 +85,25 @@ class ControllerNode(Node):
     def _adopt(self) -> None:
         self.controller: Controller = self.belief.made
 
-    def _listen_to_waypoints(self, quality: QoSProfile, **events: Any) -> Subscription:
+    def _listen_to_waypoints(
+        self, quality: QoSProfile, receive: Callable[[PoseStamped], None], **events: Any
+    ) -> Subscription:
         topic, made = topics.WAYPOINT, SubscriptionEventCallbacks(**events)
-        given = topic.kind, topic.name, self._receive_waypoint, quality
+        given = topic.kind, topic.name, receive, quality
         return self.create_subscription(*given, event_callbacks=made)
 
     def _ask_for_waypoint(self, _: object) -> None:
-        """Subscribe once more if a publisher keeps its last waypoint for new subscribers.
+        """Subscribe once more if a publisher keeps its waypoints for new subscribers.
 
-        Only this subscription gets that waypoint, and other publishers do not match it.
+        Only this subscription gets those from before it started, and other publishers do not match
+        it.  It counts until the other one gets a waypoint: from then on that gets all of them.
         """
         others = self.get_publishers_info_by_topic(topics.WAYPOINT.name)
         durabilities = [other.qos_profile.durability for other in others]
         if STANDING.durability in durabilities and self._standing is None:
-            self._standing = self._listen_to_waypoints(STANDING, use_default_callbacks=False)
+            quality = standing(self._mode.name)
+            self._standing = self._listen_to_waypoints(
+                quality, self._receive_kept, use_default_callbacks=False)
 
     def _levels(self) -> list[Level]:
         return [*self.belief.levels(), *self.watchdog.levels(self._state)]
@@ -110,7 +115,7 @@ class ControllerNode(Node):
                 return WARN, f'tilt of {degrees(self._tilt):.0f} degrees, beyond what is commanded'
             cut = self.controller.unallocated.any()
             return (WARN, 'the demand is not attainable and cut') if cut else (OK, 'under way')
-        if self._waypoint is None:
+        if self.waypoint is None:
             return STALE, 'no waypoint yet'
         unequal = len({*self._stamps()}) == 2
         return STALE, f'no {SAME_STAMP if unequal else "state"} yet'
@@ -133,6 +138,14 @@ class ControllerNode(Node):
             self._logged_text = self._waypoint_text
             self.get_logger().info(self._logged_text)
 
+    def _receive_new(self, message: PoseStamped) -> None:
+        self._heard = True
+        self._receive_waypoint(message)
+
+    def _receive_kept(self, message: PoseStamped) -> None:
+        if not self._heard:
+            self._receive_waypoint(message)
+
     def _receive_waypoint(self, message: PoseStamped) -> None:
         position, attitude = pose_arrays(message)
         length = hypot(*attitude.tolist())
@@ -140,13 +153,18 @@ class ControllerNode(Node):
         fault = wrong_frame(frame, world, 'world_frame')
         if not (np.isfinite(position).all() and np.isfinite(length) and length > 0.0):
             fault = f'that is not a pose: {position} m, quaternion {attitude}'
-        if fault:
-            self._counts['refused waypoints'] += 1
-            self.diagnostics.warn('waypoint', f'refused a waypoint {fault}')
-            return
-        waypoint = Waypoint(position, attitude)
-        self._waypoint, self._nearest = waypoint, inf
-        self._waypoint_text = f'waypoint {position} m, heading {waypoint.heading:.4f} rad'
+        if not fault:
+            fly = partial(self._fly_to, Waypoint(position, attitude))
+            if self._mode.take(nanoseconds(message.header.stamp), topics.WAYPOINT.name, fly):
+                return
+            fault = 'after too many others that wait for their stamps'
+        self._counts['refused waypoints'] += 1
+        self.diagnostics.warn('waypoint', f'refused a waypoint {fault}')
+
+    def _fly_to(self, waypoint: Waypoint) -> None:
+        self.waypoint, self._nearest = waypoint, inf
+        place = waypoint.position
+        self._waypoint_text = f'waypoint {place} m, heading {waypoint.heading:.4f} rad'
 
     def _receive_restart(self, _: Header) -> None:
         self._counts['restarts'] += 1
@@ -161,7 +179,8 @@ class ControllerNode(Node):
         self._counts['unanswered'] += self._open
         self._came['pose'] = monotonic()
         stamps = self._stamps()
-        if self._mode == 'lockstep' and self._open and self._waypoint and len({*stamps}) == 2:
+        between = self._open and self.waypoint and len({*stamps}) == 2
+        if between and not self._mode.clocked:
             what = f'pose and velocity with the stamps {stamps[0]} and {stamps[1]}'
             self.diagnostics.warn('stamp', f'no answer to {what}: expected equal stamps')
         self._pose, self._open = message, True
@@ -173,17 +192,19 @@ class ControllerNode(Node):
         self._answer()
 
     def _answer_held(self) -> None:
-        if self._mode == 'lockstep' and self._open:
+        if self._open and not self._mode.clocked:
             self._answer()
 
     def _answer(self) -> None:
         if (
             self._pose is None
             or self._velocity is None
-            or self._waypoint is None
             or self._pose.header.stamp != self._velocity.header.stamp
-            or self.belief.waits(nanoseconds(self._pose.header.stamp))
+            or self.belief.waits(time := nanoseconds(self._pose.header.stamp))
         ):
+            return
+        self._mode.advance(time)
+        if self.waypoint is None:
             return
         self._came[SAME_STAMP] = monotonic()
         first, self._open = self._open, False
@@ -195,21 +216,18 @@ class ControllerNode(Node):
                 return
         state = *pose_arrays(self._pose), *messages.twist_arrays(self._velocity)
         try:
-            time = nanoseconds(self._pose.header.stamp)
-            by, wrench = (self.controller, self._waypoint), None
-            if self._mode == 'lockstep':
-                asked = time, *(part.tobytes() for part in state)
-                wrench = self._answers.again(time, asked, by)
+            by = self.controller, self.waypoint
+            asked = None if self._mode.clocked else (time, *map(bytes, state))
+            wrench = self._mode.recall(time, asked, by)
             if wrench is None:
-                wrench = self._six(self.controller.wrench(*state, self._waypoint, time))
-                if self._mode == 'lockstep':
-                    self._answers.keep(asked, by, wrench)
+                wrench = self._six(self.controller.wrench(*state, self.waypoint, time))
+                self._mode.remember(asked, by, wrench)
         except ValueError as error:
             if first:
                 self.diagnostics.drop('state', f'state: {error}')
             return
         self._tilt = float(tilt(state[1]))
-        distance = dist(state[0], self._waypoint.position)
+        distance = dist(state[0], self.waypoint.position)
         self._nearest = min(self._nearest, distance)
         if distance > self._nearest + RETREAT * settings.controller.speed_max:
             what = f'{distance:.3g} m from the waypoint, after {self._nearest:.3g} m'

@@ -16,7 +16,7 @@ from ca_ros.nodes.executable import run, split
 from ca_ros.nodes.link_faults import FAULTY, FaultSettings, Link, corrupted
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import STEADY
-from ca_ros.nodes.topics import offered
+from ca_ros.nodes.topics import deep
 from ca_ros.settings import ParameterError, Settings, table
 
 PREFIX = 'faulty/'
@@ -41,8 +41,8 @@ class FaultProxyNode(Node):
             raise ParameterError(f'{unknown[0]}: no such parameter ({names})')
         self._adopt(self.parameters.settings.links())
         self.parameters.on_change(lambda settings: settings.links(), self._adopt)
-        # The deep queues of lockstep, so that the proxy itself loses no message.
-        quality = offered('lockstep')
+        # With deep queues the proxy itself loses no message.
+        quality = deep()
         kinds = {topic.name: topic.kind for topic in FAULTY if topic.name in self._faults}
         self._links = {topic: Link[Any]() for topic in self._faults}
         self._counts = {topic: Counter[str]() for topic in self._faults}
@@ -161,8 +161,8 @@ def main() -> int:
         'fault_proxy',
         FaultProxyNode,
         f'Forward messages from TOPIC to {PREFIX}TOPIC with losses, delays and damage. The fate\n'
-        'of a message depends on seed, topic and number alone. In lockstep, nodes repeat\n'
-        'messages by the clock, so damage that they cannot detect (sign, huge) differs\n'
+        'of a message depends on seed, topic and number alone. Nodes that wait for an answer\n'
+        'repeat messages by the clock, so damage that they cannot detect (sign, huge) differs\n'
         'between flights.',
         parse=_parse,
     )

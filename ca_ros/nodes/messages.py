@@ -2,6 +2,7 @@
 
 import re
 from array import array
+from collections.abc import Mapping
 from struct import Struct
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
 from ca_ros.arrays import Array
+from ca_ros.settings import ParameterError
 
 TILT_ANGLE = 'tilt angle [rad]'  # label of the angles of servos
 NO_STAMP = 'no stamp'  # label of rotor speeds that answer no command
@@ -91,6 +93,28 @@ def stamp_of(message: Any) -> int | None:
     if isinstance(message, Float64MultiArray):
         return speeds_stamp(message)
     return nanoseconds(message.header.stamp)
+
+
+def announcement(health: Array, stuck: Mapping[int, float], time: int | None) -> Float64MultiArray:
+    """Return what is announced of the rotors: their health (n,), then the servos that stick.
+
+    `stuck` has by rotor, from 1, the angle [rad]: a pair of numbers for each follows the health.
+    `time` is the stamp from which it holds [ns]; None: at once.
+    """
+    pairs = [float(x) for pair in stuck.items() for x in pair]
+    label = 'rotor health, then rotor and angle [rad] of each stuck servo'
+    return speeds_message(np.append(health, pairs), time, label)
+
+
+def read_announcement(message: Float64MultiArray, n: int) -> tuple[Array, dict[int, float]]:
+    """Return what an `announcement` says of n rotors; a ParameterError if it is none."""
+    numbers = np.array(message.data)
+    health, pairs = numbers[:n], numbers[n:]
+    whole = all(map(float.is_integer, pairs[::2].tolist()))
+    if len(health) < n or len(pairs) % 2 or not whole:
+        expected = f'the health of {n} rotors, then pairs of a rotor and the angle of its servo'
+        raise ParameterError(f'{numbers}: expected {expected}')
+    return health, {int(rotor): angle for rotor, angle in pairs.reshape(-1, 2).tolist()}
 
 
 def answers_nothing(message: Float64MultiArray) -> bool:

@@ -19,7 +19,7 @@ from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import NO_EVENTS, Streams
-from ca_ros.nodes.topics import COMMAND, STANDING, offered
+from ca_ros.nodes.topics import COMMAND, standing
 from ca_ros.nodes.watchdog import CommandWatch
 from ca_ros.parameter_files import MonitorSettings
 from ca_ros.problem.audit import Audit
@@ -35,8 +35,8 @@ SETTLING = 300_000_000
 class MonitorNode(Node):
     """Detects rotor failures, and publishes the health of the rotors.
 
-    In real time `rotor_health` is published when it changes, in lockstep for each state.  A
-    failure holds until the service ``~/reset``, also if the monitor ends.
+    Where the clock counts, `rotor_health` is published when it changes, otherwise for each state.
+    A failure holds until the service ``~/reset``, also if the monitor ends.
 
     The arguments are those of `rclpy.node.Node`.  Raises a ParameterError if a parameter is
     missing or wrong.
@@ -48,7 +48,7 @@ class MonitorNode(Node):
         super().__init__(node_name, **kwargs)
         self.parameters = Parameters(self, self.declared)
         settings = self.parameters.settings
-        self._mode = settings.mode
+        self._mode = self.parameters.mode
         self._pose: PoseStamped | None = None
         self._velocity: TwistStamped | None = None
         self._observed: int | None = None
@@ -65,17 +65,15 @@ class MonitorNode(Node):
         self.watchdog = CommandWatch(self, self.parameters, self.diagnostics, 'state')
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
         topic = topics.ROTOR_HEALTH
-        quality = offered(self._mode)
-        quality.durability = STANDING.durability
         self._health = self.create_publisher(
-            topic.kind, topic.name, quality, event_callbacks=NO_EVENTS)
+            topic.kind, topic.name, standing(self._mode.name), event_callbacks=NO_EVENTS)
         self.streams.subscribe_commands(self._receive_command, len(self.detector.vehicle.servos))
         # Subscriptions are served in this order, so a restart comes before its state.
         restart = topics.STATE_RESTART
         self.create_subscription(restart.kind, restart.name, self._receive_restart, COMMAND)
         self.streams.subscribe(topics.POSE, self._receive_pose)
         self.streams.subscribe(topics.VELOCITY, self._receive_velocity)
-        if self._mode == 'realtime':
+        if self._mode.clocked:
             measured = topics.MEASURED_SPEEDS
             self.streams.listen(measured.kind, measured.name, self._receive_speeds)
         self.create_service(Trigger, '~/reset', self._reset)
@@ -145,8 +143,8 @@ class MonitorNode(Node):
             return
         command, time = np.concatenate(parts), messages.speeds_stamp(message)
         time = self._observed if time is None else time
-        # In lockstep a second answer to a repeated state would be a second command.
-        if time is None or (self._mode == 'lockstep' and time == self._commanded):
+        # By the stamps, a second answer to a repeated state would be a second command.
+        if time is None or (time == self._commanded and not self._mode.clocked):
             return
         self._commanded = time
         self.detector.command(time, command)
@@ -190,12 +188,12 @@ class MonitorNode(Node):
         if pose is None or velocity is None or pose.header.stamp != velocity.header.stamp:
             return
         time = messages.nanoseconds(pose.header.stamp)
-        lockstep = self._mode == 'lockstep'
+        each = not self._mode.clocked
         if time == self._observed:
-            if lockstep:
+            if each:
                 self._publish(time)
             return
-        if lockstep and self._observed is not None and self._commanded != self._observed:
+        if each and self._observed is not None and self._commanded != self._observed:
             # The command that answers the state before is still to come.
             if time > self._observed:
                 return
@@ -214,7 +212,7 @@ class MonitorNode(Node):
         self._observed = time
         if not self.detector.standing:
             self._lag_check.observe(time, motion[1], self.detector.health)
-        if changed or lockstep:
+        if changed or each:
             self._publish(time)
 
     def _publish(self, time: int | None) -> None:

@@ -20,6 +20,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ca_ros.allocation.settings import own_methods
+from ca_ros.nodes.mode import mode_of
 from ca_ros.nodes.rclpy_internals import given_parameters
 from ca_ros.parameter_files import FileSettings
 from ca_ros.setting_names import check_given, renamed
@@ -72,6 +73,8 @@ class Parameters:
     ----------
     settings : Settings
         The present settings, of the class `declared`, with those of one's own method.
+    mode : RealTime
+        The mode of the node.
     unknown : list of str
         The names of given parameters that are not known; a warning names them.
 
@@ -108,6 +111,7 @@ class Parameters:
             # Those are rclpy's own, which reads them when it subscribes.
             if not name.startswith(('qos_overrides./clock.', 'qos_overrides./parameter_events.')):
                 node.get_logger().warning(f'{name}: {CONTRACT}')
+        self.mode = mode_of(self.settings)
         self._prepared: tuple[Any, Any] | None = None
         for service in node.services:
             if service.srv_type is SetParameters:

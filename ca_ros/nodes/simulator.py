@@ -17,18 +17,19 @@ from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import STEADY, Streams
-from ca_ros.nodes.topics import LOCKSTEP_DEPTH
+from ca_ros.nodes.topics import DEPTH
 from ca_ros.nodes.watchdog import CommandWatch, fallback
 from ca_ros.parameter_files import SimulatorSettings
 from ca_ros.simulation.plant import Plant, body_of
-from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
+from ca_ros.simulation.rigid_body import velocity_in_body
+from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.vehicle.command_bounds import CommandBounds
 from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, POSITION
 from ca_ros.vehicle.vehicle import Vehicle
 
-STATE_REPEAT = 0.2  # time after which the node publishes an unanswered state again in lockstep [s]
+STATE_REPEAT = 0.2  # time after which the node publishes an unanswered state again [s]
 
-BACKLOG = LOCKSTEP_DEPTH // 4  # steps after which it waits for its subscribers in lockstep
+BACKLOG = DEPTH // 4  # answered states after which it waits for its subscribers
 CATCH_UP_MAX = 2.0  # longest wait for the subscribers [s]: one that was killed never acknowledges
 
 BEHIND_MAX = 0.5  # greatest lag behind the clock that is caught up with in real time [s]
@@ -37,11 +38,10 @@ BEHIND_MAX = 0.5  # greatest lag behind the clock that is caught up with in real
 class SimulatorNode(Node):
     """Moves the plant step by step.
 
-    The vehicle rests until the first command.  In real time the node then takes its steps by the
-    steady clock times a factor, with the last command.  If it cannot keep up, the stamps skip
-    ahead and the motion does not.  In lockstep the node takes one step for each command that
-    answers its present state.  At the time `simulator.hold_at` of a lockstep it stops publishing
-    states until that parameter changes, so other parameters can be set at a defined time.
+    The vehicle rests until the first command.  Where the clock counts, the node then takes its
+    steps by the steady clock times a factor, with the last command; if it cannot keep up, the
+    stamps skip ahead and the motion does not.  Otherwise it takes one step for each command that
+    answers its present state.  Rotors fail by `simulator.failures`.
 
     The arguments are those of `rclpy.node.Node`.  Raises a ParameterError if a parameter is
     missing or wrong.
@@ -53,19 +53,18 @@ class SimulatorNode(Node):
         super().__init__(node_name, **kwargs)
         self.parameters = Parameters(self, self.declared)
         settings = self.parameters.settings
-        self._mode = settings.mode
-        self._held, self._resting = False, True
+        self._mode, self._resting = self.parameters.mode, True
         self._repeats, self._discarded, self._fault = 0, '', ''
-        prepared = self._prepare(settings)
-        self.plant, vehicle = Plant(prepared[0], settings.simulator), prepared[0].vehicle
-        self._adopt(prepared)
-        self.parameters.on_change(self._prepare, self._adopt)
+        vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors)
+        self.plant = Plant(body_of(vehicle, settings.simulator), settings.simulator)
+        self._bounds = CommandBounds(vehicle)
+        self.parameters.on_change(self._read_failures, self._set_failures)
         self.diagnostics = Diagnostics(self, 'simulation', str(settings.vehicle.name))
         self._counts = self.diagnostics.counts
         self.watchdog = CommandWatch(
             self, self.parameters, self.diagnostics, fall_back=self._fall_back)
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
-        lockstep = self._mode == 'lockstep'
+        clocked = self._mode.clocked
         self._command, self._n = self.plant.speeds, vehicle.n
         self._step_ns = self.plant.time_step_ns
         self._period_ns = round(self._step_ns / settings.simulator.real_time_factor)
@@ -80,9 +79,9 @@ class SimulatorNode(Node):
         self._angles = [publish(topic) for topic in topics.needed(
             (topics.SPEEDS, topics.TILTS), len(vehicle.servos))[1:]]
         self.streams.subscribe_commands(self._receive, len(vehicle.servos))
-        period = STATE_REPEAT if lockstep else self._period_ns / 1e9
-        turn = self._repeat if lockstep else self._catch_up
-        self._time = 0 if lockstep else self.get_clock().now().nanoseconds
+        period = self._period_ns / 1e9 if clocked else STATE_REPEAT
+        turn = self._catch_up if clocked else self._repeat
+        self._time = self.get_clock().now().nanoseconds if clocked else 0
         # A step is due a quarter of a period before a call of the timer, so a late call, too,
         # takes one step, and a state is published when its stamp comes.
         self._due = STEADY.now().nanoseconds + self._period_ns * 3 // 4
@@ -91,17 +90,13 @@ class SimulatorNode(Node):
             lambda: self.watchdog.levels(self._state), lambda: self._counts, self.streams,
             self.watchdog.watch)
 
-    def _prepare(self, settings: SimulatorSettings) -> tuple[RigidBody, CommandBounds, int]:
-        """Return the body, the bounds of its commands, and where it is held [ns]."""
-        vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors)
-        body = body_of(vehicle, settings.simulator)
-        return body, CommandBounds(vehicle), round(settings.simulator.hold_at * 1e9)
+    def _read_failures(self, settings: SimulatorSettings) -> RotorFailures:
+        """Return the failures that the settings name; a ParameterError if they cannot happen."""
+        return self.plant.checked(RotorFailures.read(settings.simulator.failures))
 
-    def _adopt(self, prepared: tuple[RigidBody, CommandBounds, int]) -> None:
-        """Move this body, from the next step on."""
-        self.plant.body, self._bounds, self._hold_ns = prepared
-        if self._held:
-            self._publish()
+    def _set_failures(self, failures: RotorFailures) -> None:
+        """Let these rotors fail, and no others, from the next step on."""
+        self.plant.failures = failures
 
     def _state(self) -> Level:
         if self._fault:
@@ -118,7 +113,7 @@ class SimulatorNode(Node):
             self.diagnostics.drop(*fault)
             return
         numbers = np.concatenate(parts)
-        if self._mode == 'realtime':
+        if self._mode.clocked:
             if self._resting:
                 if messages.answers_nothing(command):
                     self.diagnostics.drop('rest', 'a timeout action before the first command')
@@ -149,13 +144,13 @@ class SimulatorNode(Node):
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Put the vehicle in its initial state, at rest until the next command.
 
-        In lockstep the time starts at zero again.
+        Without a clock the time starts at zero again.  Rotors fail again, at their times.
         """
         self.plant = self.plant.restarted()
         self._command = self.plant.speeds
         self._resting = True
         self.watchdog.sleep()
-        if self._mode == 'lockstep':
+        if not self._mode.clocked:
             self._time = 0
         self._repeat()
         response.success, response.message = True, 'at rest in the initial state'
@@ -187,7 +182,7 @@ class SimulatorNode(Node):
             self.get_logger().warning(
                 f'{behind / 1e9:.1f} s behind the clock: the stamps catch up, the motion does not'
             )
-            self._skip(now)
+            self.plant.elapsed += self._skip(now) * self._step_ns
         while not self._resting and self._due <= now:
             self._due += self._period_ns
             self._step()
@@ -219,9 +214,6 @@ class SimulatorNode(Node):
         self._speeds.publish(messages.speeds_message(speeds, self._time))
 
     def _publish(self) -> None:
-        self._held = self._mode == 'lockstep' and 0 < self._hold_ns <= self._time
-        if self._held:
-            return
         state, time = self.plant.measured, messages.stamp(self._time)
         parts = state[POSITION], state[ATTITUDE], velocity_in_body(state), state[ANGULAR_VELOCITY]
         frames = self.parameters.settings.world_frame, self.parameters.settings.command_frame

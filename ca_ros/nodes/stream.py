@@ -18,6 +18,7 @@ from std_msgs.msg import Float64MultiArray
 
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import speeds_stamp
+from ca_ros.nodes.mode import RealTime
 from ca_ros.nodes.rclpy_internals import RMWError
 from ca_ros.nodes.topics import Topic, offered, requested
 
@@ -36,18 +37,18 @@ SETTLING = 0.05  # time after a stall until the middleware has handed over all t
 
 
 class Streams:
-    """The publishers and subscriptions of a node's streams, in a mode: 'realtime' or 'lockstep'.
+    """The publishers and subscriptions of a node's streams, in its mode.
 
     After a stall, of the process or of its machine, the middleware reads the messages that the
     kernel has kept, the oldest first, and a node that takes the first one answers an old command.
-    In real time only the newest of them is received.
+    Where the clock counts, only the newest of them is received.
 
     `drop` gets a reason and a text for each message that is not received.  While a stream has one
     publisher, `counts` gets the messages that were lost or that newer ones replaced.
     """
 
     def __init__(
-        self, node: Node, mode: str, drop: Callable[[str, str], None], counts: Counter[str]
+        self, node: Node, mode: RealTime, drop: Callable[[str, str], None], counts: Counter[str]
     ) -> None:
         self._node, self._mode, self._drop, self._counts = node, mode, drop, counts
         self._looked, self._settled = inf, 0.0
@@ -73,7 +74,7 @@ class Streams:
 
     def publish(self, topic: Topic) -> Publisher:
         """Create the publisher of a topic; it should be the only one."""
-        given: Any = topic.kind, topic.name, offered(self._mode)
+        given: Any = topic.kind, topic.name, offered(self._mode.name)
         publisher = self._node.create_publisher(*given, event_callbacks=NO_EVENTS)
         self.publishers.append(publisher)
         return publisher
@@ -115,7 +116,7 @@ class Streams:
 
         def take(data: bytes, info: dict[str, Any]) -> None:
             nonlocal newest
-            if self._mode == 'realtime':
+            if self._mode.clocked:
                 data, info = self._newest(stream, (data, info))
             number = info.get('publication_sequence_number') or 0
             lost = number - newest - 1
@@ -142,6 +143,6 @@ class Streams:
 
         events = SubscriptionEventCallbacks(matched=forget, use_default_callbacks=False)
         # rclpy's annotation does not have callbacks that take the information, too.
-        given: Any = kind, name, take, requested(self._mode)
+        given: Any = kind, name, take, requested(self._mode.name)
         stream = self._node.create_subscription(*given, raw=True, event_callbacks=events)
         self.subscriptions.append(stream)

@@ -65,6 +65,10 @@ EFFECTORS = Topic('command/effectors', Float64MultiArray, 'allocator', optional=
 ROTOR_HEALTH = Topic(
     'rotor_health', Float64MultiArray, 'monitor', ('allocator', 'controller'), optional=True
 )
+ANNOUNCED_HEALTH = Topic(
+    'rotor_health/announced', Float64MultiArray, 'recorder', ('allocator', 'controller'),
+    optional=True,
+)
 MEASURED_SPEEDS = Topic('motor_speed/measured', Float64MultiArray, 'simulator', optional=True)
 SPEEDS = Topic('motor_speed', Float64MultiArray, 'simulator', stream=True)
 TILTS = Topic('tilt_angle', Float64MultiArray, 'simulator', stream=True, optional=True)
@@ -95,7 +99,12 @@ STREAMS = tuple(topic for topic in TOPICS if topic.stream and not topic.optional
 LINKS = tuple(topic for topic in STREAMS if topic.subscribers)  # they join the three nodes
 
 
-LOCKSTEP_DEPTH = 2000  # steps that a recorder may lag behind in lockstep without a loss
+DEPTH = 2000  # of queues that lose nothing: steps that a recorder may lag behind in lockstep
+
+
+def deep() -> QoSProfile:
+    """Return a reliable QoS that loses no message of `DEPTH`."""
+    return QoSProfile(depth=DEPTH)
 
 
 def needed(topics: Sequence[Topic], servos: int) -> Sequence[Topic]:
@@ -105,21 +114,27 @@ def needed(topics: Sequence[Topic], servos: int) -> Sequence[Topic]:
 
 def offered(mode: str) -> QoSProfile:
     """Return the QoS of publishers: reliable, which any subscriber matches, and depth 1."""
-    return QoSProfile(depth=LOCKSTEP_DEPTH if mode == 'lockstep' else 1)
+    return deep() if mode == 'lockstep' else QoSProfile(depth=1)
 
 
 def requested(mode: str) -> QoSProfile:
     """Return the QoS of subscribers of streams: the newest message, in lockstep each one."""
     if mode == 'lockstep':
-        return offered(mode)
+        return deep()
     return QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-COMMAND = QoSProfile(depth=1)  # of rare messages that must arrive, such as waypoints
+def standing(mode: str) -> QoSProfile:
+    """Return the QoS of messages that later subscribers get, too, if they ask for it.
 
-STANDING = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""QoS of messages that later subscribers get, too, if they ask for it.
+    A subscription that asks for it does not match publishers that do not offer it, such as that of
+    ``ros2 topic pub``.
+    """
+    found = offered(mode)
+    found.durability = DurabilityPolicy.TRANSIENT_LOCAL
+    return found
 
-A subscription that asks for it does not match publishers that do not offer it, such as that of
-``ros2 topic pub``.
-"""
+
+COMMAND = QoSProfile(depth=1)  # of rare messages that must arrive, such as diagnostics
+
+STANDING = standing('realtime')

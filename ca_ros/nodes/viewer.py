@@ -43,7 +43,7 @@ class ViewerNode(Node):
         self.parameters.on_change(self._prepare, self._adopt)
         self.diagnostics = Diagnostics(self, 'view', str(settings.vehicle.name))
         self.streams = Streams(
-            self, settings.mode, self.diagnostics.drop, self.diagnostics.counts)
+            self, self.parameters.mode, self.diagnostics.drop, self.diagnostics.counts)
         n, servos = self.vehicle.n, self.vehicle.servos
         self._view = View(np.zeros(3), np.zeros(4), np.zeros(n), [0] * n, servos.resting)
         unused = {topics.TILT_COMMAND} - {*topics.needed(topics.COMMAND_PARTS, len(servos))}

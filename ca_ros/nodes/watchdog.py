@@ -83,8 +83,8 @@ class CommandWatch(Watchdog):
         return getattr(self._parameters.settings, 'timeout_action', '')
 
     def watch(self) -> None:
-        """Check the timeout, except in lockstep; called every `TICK` seconds."""
-        if self._parameters.settings.mode == 'lockstep':
+        """Check the timeout, if the clock counts; called every `TICK` seconds."""
+        if not self._parameters.mode.clocked:
             return
         before = self.expired
         if self.look():

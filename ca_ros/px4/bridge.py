@@ -18,6 +18,7 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import answers_nothing, stamp, state_messages, wrench_message
+from ca_ros.nodes.mode import RealTime
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import Streams
 from ca_ros.parameter_files import Px4NodeSettings
@@ -61,7 +62,7 @@ class Px4Bridge(Node):
         self.rules = rules = Rules(msg, vehicle, settings.px4, order, self)
         self._diagnostics = Diagnostics(self, 'px4', str(settings.vehicle.name))
         self._counts = self._diagnostics.counts
-        self._streams = Streams(self, 'realtime', self._diagnostics.drop, self._counts)
+        self._streams = Streams(self, RealTime(), self._diagnostics.drop, self._counts)
         # What PX4 sends comes first, so that a command meets the newest mode.
         for name, kind in rules.heard.items():
             quality = from_px4(REPLIES if name.endswith('reply') else 1)

@@ -1,7 +1,7 @@
 """The closed loop without ROS: controller, allocator, plant and detector, step by step."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from ca_ros.simulation.plant import Plant
 from ca_ros.simulation.plant_settings import PlantSettings
 from ca_ros.simulation.record import Flight, steps
 from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
+from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, POSITION
 
 Found = list[tuple[int, Array]]
@@ -35,7 +36,8 @@ class Change:
 
     - `time`: [ns]
     - `body`, `waypoint`: the new ones; None for those that stay
-    - `announced`: the parameters `rotors.health` and `rotors.stuck_servos` from then on
+    - `announced`: the health (n,) that is announced from then on, and the servos that stick: by
+      rotor, from 1, the angle [rad]
     - `detected` (n,): the health that a detector reports from then on
     - `reconfigure`: what these two need
     """
@@ -43,7 +45,7 @@ class Change:
     time: int
     body: RigidBody | None = None
     waypoint: Waypoint | None = None
-    announced: tuple[list[float], list[float]] | None = None
+    announced: tuple[Array, Mapping[int, float]] | None = None
     detected: Array | None = None
     reconfigure: Reconfigure | None = None
 
@@ -77,14 +79,11 @@ class Pilot:
             self._believed = change.reconfigure(self.controller, self.allocator)
         believed = self._believed
         if change.announced is not None:
-            settings = believed.in_force.settings
-            health, stuck = change.announced
-            rotors = replace(settings.rotors, health=health, stuck_servos=stuck)
-            believed.change(replace(settings, rotors=rotors))
+            believed.report('announced', *change.announced)
         if change.detected is not None:
             believed.report('detector', change.detected)
-            if believed.fault:
-                raise ParameterError(believed.fault)
+        if believed.fault:
+            raise ParameterError(believed.fault)
         self.controller, self.allocator = believed.in_force.made
 
 
@@ -115,6 +114,7 @@ def fly(
     controller: Controller, allocator: Allocator, body: RigidBody | Plant, waypoint: Waypoint,
     duration: float, time_step: float | None = None, state: Array | None = None,
     changes: Iterable[Change] = (), detection: Detection | None = None,
+    failures: RotorFailures | None = None,
 ) -> Flight:
     """Fly to a waypoint; return one sample at each step up to the `duration` [s].
 
@@ -129,6 +129,7 @@ def fly(
       origin, or that of the plant
     - `changes`: each takes effect at the first sample at or after its time, of several at one time
       the last
+    - `failures`: of the rotors; by default those of the plant.  Only `changes` announce them
     - `detection`: failures that it finds in a sample take effect at that sample
     """
     states: list[Array] = []
@@ -140,6 +141,8 @@ def fly(
     elif time_step is not None:
         raise ValueError(f'time_step: the plant has its own, {body.time_step:g} s')
     plant = body.restarted(state)
+    if failures is not None:
+        plant.failures = failures
     step_ns, time_step = plant.time_step_ns, plant.time_step
     pilot = Pilot(controller, allocator)
     pending = sorted(changes, key=lambda change: change.time)[::-1]

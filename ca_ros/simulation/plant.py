@@ -12,6 +12,7 @@ from ca_ros.settings import ParameterError
 from ca_ros.simulation.drag import Drag, Wind
 from ca_ros.simulation.plant_settings import PlantSettings
 from ca_ros.simulation.rigid_body import Integrator, RigidBody, euler
+from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.simulation.sensors import Sensors, delay_line
 from ca_ros.vehicle.motor_lag import ServoLag, lagged
 from ca_ros.vehicle.settings import triple
@@ -54,8 +55,11 @@ class Plant:
     `ca_ros.simulation.rigid_body`; by default that of the settings.  `integrate`: what takes a
     sub-step.
 
-    - `body`: may be replaced between two steps, for instance by one with other rotor health
+    - `body`: the body that moves; setting it replaces the one with which flights start, on which
+      the failures act that are due
+    - `failures`: a `RotorFailures`; may be replaced between two steps
     - `time_step` and `time_step_ns`: [s] and [ns]
+    - `elapsed`: time of the flight, of the steps since the start [ns]
     - `state` (13,): the true state
     - `measured` (13,): the state as it is measured: late, and with noise and bias
     - `speeds` (n,): the true rotor speeds [rad/s], and after them the servo angles [rad], if there
@@ -67,7 +71,9 @@ class Plant:
         integrate: Integrator = euler,
     ) -> None:
         settings = PlantSettings() if settings is None else settings
-        self.body, self._settings = body, settings
+        self._settings, self.elapsed = settings, 0
+        self._start = self._body = body
+        self.failures = RotorFailures.read(settings.failures)
         self.time_step_ns = round(settings.time_step * 1e9)
         self.time_step = self.time_step_ns / 1e9
         self._sub_steps = settings.sub_steps
@@ -103,7 +109,44 @@ class Plant:
 
     def restarted(self, state: Array | None = None) -> Plant:
         """Return a plant with the same body and settings in the initial state, or another."""
-        return Plant(self.body, self._settings, state)
+        plant = Plant(self._start, self._settings, state, self._integrate)
+        plant.failures = self.failures
+        return plant
+
+    @property
+    def body(self) -> RigidBody:
+        """The body that moves."""
+        return self._body
+
+    @body.setter
+    def body(self, body: RigidBody) -> None:
+        self._start = body
+        self._fail()
+
+    @property
+    def failures(self) -> RotorFailures:
+        """The failures of the flight."""
+        return self._failures
+
+    @failures.setter
+    def failures(self, failures: RotorFailures) -> None:
+        self._failures = self.checked(failures)
+        self._fail()
+
+    def checked(self, failures: RotorFailures) -> RotorFailures:
+        """Return failures that the vehicle can have; raise a ParameterError for others."""
+        try:
+            failures.check(self._start.vehicle)
+        except ParameterError as error:
+            raise ParameterError(f'simulator.failures: {error}') from None
+        return failures
+
+    def _fail(self) -> None:
+        """Let the rotors fail that are due, and no others."""
+        vehicle = self._failures.after(self._start.vehicle, self.elapsed)
+        sound = vehicle is self._start.vehicle
+        self._body = self._start if sound else self._start.with_vehicle(vehicle)
+        self._due = [time for time in self._failures.times if time > self.elapsed]
 
     def step(self, command: Array) -> Array:
         """Take a step with rotor speeds (n,) [rad/s]; return the measured state (13,).
@@ -111,6 +154,9 @@ class Plant:
         Raises a FloatingPointError if the vehicle tumbles so fast that the steps diverge; the
         state stays.
         """
+        if self._due and self._due[0] <= self.elapsed:
+            self._fail()
+        self.elapsed += self.time_step_ns
         state, step, n = self.state, self._sub_step, self.body.vehicle.n
         for _ in range(self._sub_steps):
             self._commands.append(command)

@@ -5,8 +5,9 @@ from typing import Literal
 
 import numpy as np
 
-from ca_ros.settings import Numbers, ParameterError, Settings, setting
-from ca_ros.vehicle.settings import XYZ
+from ca_ros.settings import Numbers, ParameterError, Settings, Words, setting
+from ca_ros.simulation.rotor_failures import NONE, RotorFailures
+from ca_ros.vehicle.settings import XYZ, RotorSettings
 
 _POSITION = 'position, x, y, z in the world frame'
 _VELOCITY = 'velocity, x, y, z in the world frame'
@@ -14,6 +15,20 @@ _ATTITUDE = 'attitude, a rotation about x, y, z of the body'
 _ANGULAR_VELOCITY = 'angular velocity, x, y, z in the body frame'
 _NOISE = 'standard deviation of the white noise on each published'
 _BIAS = 'constant error of each published'
+
+
+_AT_START = ', at the start of a flight: in flight see simulator.failures'
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantRotorSettings(RotorSettings):
+    """The rotors of the simulated vehicle, as they are at the start of a flight."""
+
+    health: Numbers = setting(
+        1.0, f'share of its thrust that a rotor produces{_AT_START}', minimum=0.0, maximum=1.0)
+    stuck_servos: Numbers = setting(
+        0.0, 'servos that stick, pairs of a rotor, from 1, and an angle [rad]; 0: none'
+        f'{_AT_START}')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +41,9 @@ class PlantSettings(Settings):
     sub_steps: int = setting(
         1, 'steps of explicit Euler integration in one time step', minimum=1, maximum=1000)
     seed: int = setting(0, 'seed of gusts and noise', minimum=0)
+    failures: Words = setting(
+        [NONE], 'rotors that fail, such as 1@2.5 or 1@2.5=0.4 (with this health), and servos that '
+        'stick, such as 1@2.5=0.4rad, at times from the first command on [s]', mutable=True)
     initial_position: Numbers = setting(0.0, f'initial {_POSITION}', unit='m', sizes=XYZ)
     initial_velocity: Numbers = setting(0.0, f'initial {_VELOCITY}', unit='m/s', sizes=XYZ)
     initial_angular_velocity: Numbers = setting(
@@ -93,3 +111,7 @@ class PlantSettings(Settings):
         super().__post_init__()
         if not np.any(self.initial_attitude):
             raise ParameterError('initial_attitude: expected a quaternion x, y, z, w, got zeros')
+        try:
+            RotorFailures.read(self.failures)
+        except ParameterError as error:
+            raise ParameterError(f'failures: {error}') from None

@@ -1,5 +1,7 @@
 """Rigid-body dynamics of a multirotor.  Frames and state: `ca_ros.vehicle.state`."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from math import hypot
 
@@ -53,6 +55,10 @@ class RigidBody:
         self._inverse_inertia = np.linalg.inv(self._inertia)
         # The buoyancy acts at the centre of mass.
         self._gravity = np.array([0.0, 0.0, vehicle.gravity - vehicle.buoyancy / vehicle.mass])
+
+    def with_vehicle(self, vehicle: Vehicle) -> RigidBody:
+        """Return the body of another vehicle in the same air."""
+        return RigidBody(vehicle, self.drag)
 
     def derivative(self, state: Array, speeds: Array, wind: Array = CALM) -> Array:
         """Return the rate of change (13,) of a state (13,).

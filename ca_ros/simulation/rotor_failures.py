@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.settings import Numbers, ParameterError
+from ca_ros.settings import ParameterError
 from ca_ros.vehicle.vehicle import Vehicle
 
 LATEST = 1e6  # latest time of a failure or an announcement [s]
 ANNOUNCE = 0.1  # default time from a failure to its announcement [s]
+NONE = 'none'  # the value of `simulator.failures` without failures
 
 FAILURE = re.compile(r'(?P<rotor>[0-9]+)@(?P<time>[^=]+)(=((?P<angle>.+)rad|(?P<health>.+)))?')
 
@@ -61,9 +62,9 @@ class RotorFailure:
 
     def __str__(self) -> str:
         """Return the failure as on a command line."""
-        share = f'={self.health:g}' if self.health else ''
-        angle = share if self.angle is None else f'={self.angle:g}rad'
-        return f'{self.rotor}@{self.time:g}{angle}'
+        share = f'={_text(self.health)}' if self.health else ''
+        angle = share if self.angle is None else f'={_text(self.angle)}rad'
+        return f'{self.rotor}@{_text(self.time)}{angle}'
 
 
 @dataclass(frozen=True)
@@ -77,31 +78,58 @@ class RotorFailures:
     failures: tuple[RotorFailure, ...] = ()
     announce: float | None = ANNOUNCE
 
+    @classmethod
+    def read(
+        cls, words: str | Sequence[str], announce: float | None = ANNOUNCE
+    ) -> RotorFailures:
+        """Read failures from texts, see `RotorFailure.parse`, or from `NONE`.
+
+        Raises a ParameterError if a text is wrong, or two failures are at the same time.
+        """
+        texts = [words] if isinstance(words, str) else [*words]
+        try:
+            found = [] if texts == [NONE] else map(RotorFailure.parse, texts)
+            return cls(tuple(found), announce)
+        except ValueError as error:
+            raise ParameterError(str(error)) from None
+
     def __post_init__(self) -> None:
         """Refuse two failures of a rotor at the same time."""
         seen = set()
         for failure in self.failures:
             if (key := (failure.rotor, _ns(failure.time))) in seen:
                 raise ParameterError(
-                    f'--fail {failure}: rotor {failure.rotor} fails twice at {failure.time:g} s'
+                    f'{failure}: rotor {failure.rotor} fails twice at {_text(failure.time)} s'
                 )
             seen.add(key)
+
+    @property
+    def words(self) -> list[str]:
+        """The value of `simulator.failures`, see `read`."""
+        return [*map(str, self.failures)] or [NONE]
 
     def check(self, vehicle: Vehicle) -> None:
         """Raise a ParameterError if the vehicle has not the rotors and servos that fail."""
         for failure in self.failures:
             if failure.rotor > vehicle.n:
-                raise ParameterError(f'--fail {failure}: the vehicle has {vehicle.n} rotors')
+                raise ParameterError(f'{failure}: the vehicle has {vehicle.n} rotors')
             if failure.angle is not None:
                 try:
                     vehicle.with_stuck_servo(failure.rotor, failure.angle)
                 except ParameterError as error:
-                    raise ParameterError(f'--fail {failure}: {error}') from None
+                    raise ParameterError(f'{failure}: {error}') from None
 
+    @property
     def times(self) -> list[int]:
-        """Return the times of flight of all failures and announcements, in order [ns]."""
-        delays = 0.0, self.announce or 0.0
-        return sorted({_ns(each.time + delay) for each in self.failures for delay in delays})
+        """The times of flight of the failures, in order [ns]."""
+        return sorted({_ns(each.time) for each in self.failures})
+
+    @property
+    def announced_times(self) -> list[int]:
+        """The times of flight of the announcements, in order [ns]."""
+        if (delay := self.announce) is None:
+            return []
+        return sorted({_ns(each.time + delay) for each in self.failures})
 
     def moments(self, detected: Iterable[float] = ()) -> dict[str, list[float]]:
         """Return the times of flight [s] of failures, announcements and detections."""
@@ -109,37 +137,57 @@ class RotorFailures:
         announced = [] if self.announce is None else [time + self.announce for time in failed]
         return {'failure': failed, 'announced': announced, 'detected': list(detected)}
 
-    def health(self, health: Array, time: int, told: bool = False) -> Array:
-        """Return the health (n,) at a time of flight [ns] from that at the start.
+    def after(self, vehicle: Vehicle, time: int) -> Vehicle:
+        """Return the vehicle that starts a flight as it is at a time of flight [ns]."""
+        return _failed(vehicle, self._until(time, 0.0))
 
-        It is the actual one, or if `told` the announced one.
+    def known(self, vehicle: Vehicle, time: int) -> Vehicle:
+        """Return the vehicle that starts a flight as it is announced at a time of flight [ns].
+
+        What is announced makes no rotor sounder than it was at the start.
         """
-        after = np.array(health, dtype=float)
-        for each in self._past(time, told):
-            if each.angle is None:
-                after[each.rotor - 1] = each.health
-        return after
+        announced = _failed(vehicle.with_health(1.0), self._until(time, self.announce))
+        return announced.with_health(np.minimum(announced.health, vehicle.health))
 
-    def values(
-        self, health: Array, pairs: Numbers, time: int, told: bool
-    ) -> tuple[list[float], list[float]]:
-        """Return `rotors.health` and `rotors.stuck_servos` at a time of flight [ns].
+    def announced(self, n: int, time: int) -> tuple[Array, dict[int, float]]:
+        """Return what is announced until a time of flight [ns].
 
-        They come from those at the start, and are the actual ones, or if `told` the announced
-        ones.
+        It is the health (n,) of n rotors, and by rotor, from 1, the angle [rad] at which its servo
+        sticks.
         """
-        stuck = [] if pairs in (0.0, [0.0]) else np.ravel(pairs).tolist()
-        for each in self._past(time, told):
-            stuck += [] if each.angle is None else [float(each.rotor), each.angle]
-        return self.health(health, time, told).tolist(), stuck or [0.0]
+        past = self._until(time, self.announce)
+        stuck = {each.rotor: each.angle for each in past if each.angle is not None}
+        return _health(np.ones(n), past), stuck
 
-    def _past(self, time: int, told: bool) -> list[RotorFailure]:
-        delay = self.announce if told else 0.0
+    def _until(self, time: int, delay: float | None) -> list[RotorFailure]:
         if delay is None:
             return []
         ordered = sorted(self.failures, key=lambda failure: failure.time)
         return [each for each in ordered if _ns(each.time + delay) <= time]
 
 
+def _failed(vehicle: Vehicle, failures: Sequence[RotorFailure]) -> Vehicle:
+    if not failures:
+        return vehicle
+    for each in failures:
+        if each.angle is not None:
+            vehicle = vehicle.with_stuck_servo(each.rotor, each.angle)
+    return vehicle.with_health(_health(vehicle.health, failures))
+
+
+def _health(before: Array, failures: Iterable[RotorFailure]) -> Array:
+    health = np.array(before, dtype=float)
+    for each in failures:
+        if each.angle is None:
+            health[each.rotor - 1] = each.health
+    return health
+
+
 def _ns(seconds: float) -> int:
     return round(seconds * 1e9)
+
+
+def _text(number: float) -> str:
+    """Return the shortest text of a number."""
+    short = f'{number:g}'
+    return short if float(short) == number else repr(number)

@@ -143,19 +143,13 @@ class Case:
 
         return Reconfiguration(self.flown, make, (controller, allocator))
 
-    def failing(self, method: str, failures: RotorFailures) -> list[Change]:
-        """Return the changes of a method's closed loop that rotor failures cause."""
-        health, pairs, changes = self.vehicle.health, self.flown.rotors.stuck_servos, []
+    def announced(self, method: str, failures: RotorFailures) -> list[Change]:
+        """Return the changes of a method's closed loop that announced failures cause."""
         reconfigure = partial(self.reconfiguration, method)
-        # No failure has happened at this time.
-        before = [failures.values(health, pairs, -1, told) for told in (False, True)]
-        for time in failures.times():
-            now = [failures.values(health, pairs, time, told) for told in (False, True)]
-            announced = None if now[1] == before[1] else now[1]
-            body = None if now[0] == before[0] else self.body(*now[0])
-            changes.append(Change(time, body, None, announced, None, reconfigure))
-            before = now
-        return changes
+        return [
+            Change(time, announced=failures.announced(self.vehicle.n, time),
+                   reconfigure=reconfigure) for time in failures.announced_times
+        ]
 
     def detector(self) -> Detector:
         """Return a detector of failures with the settings ``detector.*``."""

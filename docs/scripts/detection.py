@@ -52,8 +52,9 @@ def row(vehicle, manoeuvre, rotor):
     for how, announce in (('announced', 0.1), ('detected', None)):
         failures = RotorFailures((RotorFailure(rotor + 1, at),), announce)
         detection = None if announce else case.detection('exact')
-        changes = [*waypoint_changes(goals), *case.failing('exact', failures)]
-        flight = flown(case, goals.first, end, changes=changes, detection=detection)
+        changes = [*waypoint_changes(goals), *case.announced('exact', failures)]
+        flight = flown(
+            case, goals.first, end, changes=changes, detection=detection, failures=failures)
         # The last second: a hundred samples.  It holds the place where it was bound for.
         outcome[how] = flight is not None and distance(flight, goals.last, end - 0.995) < 0.5
     if flight is not None and detection.found:
@@ -290,15 +291,15 @@ def animation(path):
     """Animate one unannounced failure, with and without the detector."""
     case, goal = Case.load('hexarotor_realistic'), Waypoint.of(0, 0, 1.2, 0)
     failures = RotorFailures((RotorFailure(1, 3.0),), None)
-    changes = case.failing('exact', failures)
     flights, samples, detected = {}, {}, {}
     for name, detection in (('with_detection', case.detection('exact')),
                             ('without_detection', None)):
-        flights[name] = flown(case, goal, 6.5, changes=changes, detection=detection)
+        flights[name] = flown(case, goal, 6.5, detection=detection, failures=failures)
         found = case.detected('exact', detection.found) if detection else []
         detected[name] = [each.time / 1e9 for each in found]
-        pilot, told = case.controller(), [*changes, *found]
-        samples[name] = sample_errors(flights[name], pilot, goal, told, case.body().vehicle)
+        vehicle = case.body().vehicle
+        samples[name] = sample_errors(
+            flights[name], case.controller(), goal, found, vehicle, failures)
     trajectory = Trajectory.to(goal)
     animate(path, Flights(flights, samples, case.vehicle, trajectory, failures, detected))
 

@@ -44,8 +44,8 @@ class Outcome(NamedTuple):
 def lose(case: Case, method: str, rotor: int, announce: float | None = 0.1) -> Outcome:
     """Lose a rotor at hover, fly 2 m, and stay there for a minute."""
     failures = RotorFailures((RotorFailure(rotor, LOST),), announce)
-    changes = [*case.failing(method, failures), Change(round(SENT * 1e9), waypoint=GOAL)]
-    flight = flown(case, START, END, method, case.body(), changes=changes)
+    changes = [*case.announced(method, failures), Change(round(SENT * 1e9), waypoint=GOAL)]
+    flight = flown(case, START, END, method, case.body(), changes=changes, failures=failures)
     if flight is None:
         return Outcome()
     return Outcome(

@@ -117,8 +117,8 @@ def flights_table() -> str:
     for name, words, goals, broken in FLIGHTS:
         case = Case.load(name, ['controller.attitude:=pose'] * (goals is ROLL))
         failures = RotorFailures(tuple(map(RotorFailure.parse, broken)), 0.1)
-        changes = [*case.failing('exact', failures), *waypoint_changes(goals)]
-        flight = flown(case, goals.first, 10.0, changes=changes)
+        changes = [*case.announced('exact', failures), *waypoint_changes(goals)]
+        flight = flown(case, goals.first, 10.0, changes=changes, failures=failures)
         rows.append((
             f'`{name}`', words, f'{1e3 * distance(flight, goals.last, 9.0):.1f}',
             f'{np.degrees(flight.attitude_error(goals.last)):.1f}',

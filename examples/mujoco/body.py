@@ -86,13 +86,16 @@ class MujocoBody:
     Attributes
     ----------
     vehicle : Vehicle
-        May be replaced by one with other rotor health.
     """
 
     def __init__(self, rigid: RigidBody) -> None:
         self.vehicle, self.drag = rigid.vehicle, rigid.drag
         self.model = mujoco.MjModel.from_xml_string(mjcf(rigid.vehicle))
         self.data = mujoco.MjData(self.model)
+
+    def with_vehicle(self, vehicle: Vehicle) -> 'MujocoBody':
+        """Return the body of another vehicle in the same air."""
+        return MujocoBody(RigidBody(vehicle, self.drag))
 
     def set(self, state: np.ndarray, speeds: np.ndarray, wind: np.ndarray) -> None:
         """Give MuJoCo a state (13,), rotor speeds (n,) [rad/s] and the wind (3,) [m/s]."""

@@ -25,16 +25,17 @@ from ca_ros import ParameterError, Vehicle
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.topics import offered, requested
 from ca_ros.parameter_files import SimulatorSettings
-from ca_ros.settings import REQUIRED, flat, read, table
+from ca_ros.settings import REQUIRED, read, table
 from ca_ros.simulation.plant import Plant, body_of
 from ca_ros.simulation.rigid_body import velocity_in_body
+from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, POSITION
 
 UNUSED = {
     'command_timeout', 'timeout_action', 'simulator.real_time_factor', 'simulator.publish_clock',
 }
 DECLARED = {name: each for name, each in table(SimulatorSettings).items() if name not in UNUSED}
-CHANGEABLE = 'rotors.health', 'simulator.hold_at'
+FAILURES = 'simulator.failures'
 
 REPEAT = 0.2
 """Time after which an unanswered state is published again in lockstep [s]."""
@@ -50,13 +51,15 @@ class MujocoPlant(Node):
             default = None if each.default is REQUIRED else each.default
             default = list(default) if isinstance(default, tuple) else default
             descriptor = ParameterDescriptor(
-                description=each.description, dynamic_typing=True, read_only=name not in CHANGEABLE
+                description=each.description, dynamic_typing=True, read_only=name != FAILURES
             )
             given[name] = self.declare_parameter(name, default, descriptor).value
-        self.settings = read(SimulatorSettings, given)
-        self.plant = Plant(self.build(self.settings), self.settings.simulator)
+        self.settings = settings = read(SimulatorSettings, given)
+        vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors)
+        body = MujocoBody(body_of(vehicle, settings.simulator))
+        self.plant = Plant(body, settings.simulator)
         n, self.step_ns = self.plant.body.vehicle.n, self.plant.time_step_ns
-        self.speeds, self.resting, self.held = np.zeros(n), True, False
+        self.speeds, self.resting = np.zeros(n), True
         mode = self.settings.mode
         self.lockstep = mode == 'lockstep'
         self.time = 0 if self.lockstep else self.get_clock().now().nanoseconds
@@ -74,22 +77,13 @@ class MujocoPlant(Node):
         )
         self.add_on_set_parameters_callback(self.change)
 
-    def build(self, settings: SimulatorSettings) -> MujocoBody:
-        """Create the body of the vehicle."""
-        vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors)
-        return MujocoBody(body_of(vehicle, settings.simulator))
-
     def change(self, changes: list[Parameter]) -> SetParametersResult:
-        """Take over a new health of the rotors, or a new time to wait at."""
-        given = {**flat(self.settings), **{each.name: each.value for each in changes}}
+        """Let other rotors fail, and no others."""
         try:
-            settings = read(SimulatorSettings, given)
-            self.plant.body = self.build(settings)
+            for each in (each for each in changes if each.name == FAILURES):
+                self.plant.failures = RotorFailures.read(each.value)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        self.settings = settings
-        if self.held:
-            self.publish()
         return SetParametersResult(successful=True)
 
     def receive(self, command: Float64MultiArray) -> None:
@@ -134,11 +128,7 @@ class MujocoPlant(Node):
         self.motor_speed.publish(messages.speeds_message(self.speeds, self.time))
 
     def publish(self) -> None:
-        """Publish the state, unless lockstep is to wait here for a change of parameters."""
-        hold = round(self.settings.simulator.hold_at * 1e9)
-        self.held = self.lockstep and 0 < hold <= self.time
-        if self.held:
-            return
+        """Publish the state."""
         if self.resting:
             self.publish_speeds()
         state = self.plant.measured

@@ -50,7 +50,8 @@ class Pilot:
             msg.ActuatorMotors, '/broken/actuator_motors', self._pass_motors, TO_PX4
         )
         self._waypoints = self._node.create_publisher(PoseStamped, '/command/pose', LATCHED)
-        self._health = self._node.create_publisher(Float64MultiArray, '/rotor_health', LATCHED)
+        announced = '/rotor_health/announced'
+        self._health = self._node.create_publisher(Float64MultiArray, announced, LATCHED)
 
     def close(self) -> None:
         """End the node."""

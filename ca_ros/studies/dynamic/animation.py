@@ -69,8 +69,8 @@ def animate(path: Path, study: Flights) -> None:
             goal = study.trajectory.at(round(time * 1e9))
             for scene, (name, flight) in zip(scenes, flights.items(), strict=True):
                 k = min(int(np.searchsorted(flight.time, time + 1e-9)) - 1, grounds[name])
-                health = study.failures.health(vehicle.health, round(time * 1e9))
-                _draw_vehicle(scene, flight, k, vehicle.with_health(health), goal)
+                flown = study.failures.after(vehicle, round(time * 1e9))
+                _draw_vehicle(scene, flight, k, flown, goal)
                 scene.set_title(TITLES.get(name, title(name)), fontsize='x-large', pad=14.0)
                 tilt = f'tilt {np.degrees(flight.tilt[k]):2.0f}°'
                 height = f'height {flight.position[k, 2]:.2f} m'

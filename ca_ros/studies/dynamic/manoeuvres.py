@@ -69,12 +69,12 @@ class Manoeuvre(NamedTuple):
 
     state: Array
     goals: Trajectory
-    failures: tuple[RotorFailure, ...] = ()
+    failures: RotorFailures = RotorFailures()
     duration: float = DURATION
 
     def changes(self, case: Case, method: str) -> list[Change]:
         """Return what changes on the way."""
-        failing = case.failing(method, RotorFailures(self.failures, ANNOUNCE))
+        failing = case.announced(method, self.failures)
         return [*waypoint_changes(self.goals), *(
             replace(each, reconfigure=each.reconfigure and partial(
                 each.reconfigure, changed=unlimited)) for each in failing
@@ -110,7 +110,7 @@ def rotor_lost_of(rng: np.random.Generator, n: int) -> Manoeuvre:
     """Draw the loss of a rotor after 0.3 to 1.5 s of a flight to a waypoint."""
     x, y, z = rng.uniform(-2.0, 2.0, 3).tolist()
     failed = RotorFailure(int(rng.integers(1, n + 1)), rng.uniform(0.3, 1.5))
-    return Manoeuvre(NULL_STATE, goal(x, y, z, 0), (failed,))
+    return Manoeuvre(NULL_STATE, goal(x, y, z, 0), RotorFailures((failed,), ANNOUNCE))
 
 
 MANOEUVRES: dict[str, Callable[[np.random.Generator, int], Manoeuvre]] = {
@@ -147,7 +147,9 @@ def flown(
     loop = unlimited(case.controller()), allocator, case.body(), goals.first
     changes = manoeuvre.changes(case, method)
     try:
-        flight = fly(*loop, manoeuvre.duration, state=manoeuvre.state, changes=changes)
+        flight = fly(
+            *loop, manoeuvre.duration, state=manoeuvre.state, changes=changes,
+            failures=manoeuvre.failures)
     except FloatingPointError:
         lost = dict.fromkeys(('height_lost', 'energy', 'change', 'heading_error'), inf)
         return {'recovered': 0, **lost, **counter.counts}

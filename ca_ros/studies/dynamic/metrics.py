@@ -13,6 +13,7 @@ from ca_ros.control.controller import Controller
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.problem.admissible_set import AdmissibleSet
+from ca_ros.problem.audit import audit
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.simulation.closed_loop import Change, Pilot
 from ca_ros.simulation.record import Flight
@@ -53,13 +54,13 @@ def at_bounds(speeds: Array, vehicle: Vehicle) -> tuple[BoolArray, BoolArray]:
 
 def sample_errors(
     flight: Flight, controller: Controller, waypoint: Waypoint, changes: Sequence[Change] = (),
-    vehicle: Vehicle | None = None,
+    vehicle: Vehicle | None = None, failures: RotorFailures | None = None,
 ) -> pd.DataFrame:
     """Compare the commanded wrenches of a flight with the delivered ones.
 
     The controller recomputes the commands from the samples.  The flight begins with the waypoint;
-    the changes are later waypoints, rotor failures and their announcements.  The vehicle is the
-    one that flies, by default that of the controller.
+    the changes are later waypoints, and announcements of failures.  The vehicle is the one that
+    flies, by default that of the controller, and its rotors fail.
 
     Returns one row per sample: ``force_error`` [N] and ``torque_error`` [N m], the lengths of
     commanded minus delivered; ``margin`` [N, N m] of the commanded wrench in the admissible set of
@@ -72,7 +73,9 @@ def sample_errors(
     parts, given = [], []
     start = vehicle or controller.vehicle
     whole = flight.position, flight.attitude, flight.velocity, flight.angular_velocity
-    for part, pilot, vehicle, goal in _legs(flight, controller, start, waypoint, changes):
+    failed = RotorFailures() if failures is None else failures
+    legs = _legs(flight, controller, start, waypoint, changes, failed)
+    for part, pilot, vehicle, goal in legs:
         times = np.round(flight.time[part] * 1e9).astype(int).tolist()
         states = zip(*(values[part] for values in whole), times, strict=True)
         commanded = np.array([pilot.wrench(p, q, v, w, goal, t) for p, q, v, w, t in states])
@@ -157,10 +160,11 @@ def metrics(flight: Flight, samples: pd.DataFrame, waypoint: Waypoint) -> dict[s
 
 def _legs(
     flight: Flight, controller: Controller, vehicle: Vehicle, waypoint: Waypoint,
-    changes: Sequence[Change],
+    changes: Sequence[Change], failures: RotorFailures,
 ) -> Iterator[tuple[slice, Controller, Vehicle, Waypoint]]:
     """Yield the samples between changes, controller, vehicle as it physically is, and waypoint."""
-    start = 0
+    start, sound = 0, vehicle
+    changes = [*changes, *map(Change, failures.times)]
     times, pilot = np.round(flight.time * 1e9), Pilot(controller, Powerless(controller.problem))
     for change in [*sorted(changes, key=lambda change: change.time), None]:
         end = len(times) if change is None else int(np.searchsorted(times, change.time))
@@ -169,7 +173,8 @@ def _legs(
         start = end
         if change is not None:
             pilot.take(change)
-            vehicle = change.body.vehicle if change.body else vehicle
+            sound = change.body.vehicle if change.body else sound
+            vehicle = audit(failures.after(sound, change.time)).vehicle
             waypoint = change.waypoint or waypoint
 
 
@@ -222,5 +227,5 @@ class Flights:
 
     @property
     def moments(self) -> list[float]:
-        """The times of the failures [s]."""
-        return [time / 1e9 for time in self.failures.times()]
+        """The times of the failures and their announcements [s]."""
+        return sorted(time for times in self.failures.moments().values() for time in times)

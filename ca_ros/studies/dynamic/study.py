@@ -59,11 +59,10 @@ def _study(options: argparse.Namespace) -> None:
         return
     if 'margin' in options.plot_rows and not has_margin(case.problem):
         raise ParameterError('--plot-rows margin: expected a vehicle whose rotors do not tilt')
-    failures = failures_of(options)
-    failures.check(case.vehicle)
+    failures = failures_of(options, case.vehicle)
     options.goals = goals = trajectory_of(options)
     changes = {
-        name: [*case.failing(name, failures), *waypoint_changes(goals)] for name in allocators}
+        name: [*case.announced(name, failures), *waypoint_changes(goals)] for name in allocators}
     if options.ros:
         check(list(allocators))
     if options.detect and failures.failures and failures.announce is not None:
@@ -158,7 +157,8 @@ def _fly(
 ) -> dict[str, Flight]:
     """Return the flights by method."""
     flights = {}
-    words = [*trajectory_words(options), *failure_words(failures_of(options))]
+    failures = failures_of(options)
+    words = [*trajectory_words(options), *failure_words(failures)]
     words += ['--detect'] * options.detect
     for name, allocator in tqdm(allocators.items(), unit=' flights', disable=None):
         if options.ros:
@@ -168,7 +168,8 @@ def _fly(
             loop = case.controller(), allocator, case.plant()
             goal = options.goals.first, options.duration
             detection = case.detection(name) if options.detect else None
-            flights[name] = fly(*loop, *goal, changes=changes[name], detection=detection)
+            flights[name] = fly(
+                *loop, *goal, changes=changes[name], detection=detection, failures=failures)
     return flights
 
 
@@ -179,15 +180,16 @@ def _write(
     """Write all files; return dynamic.md."""
     goal = options.goals.last
     out, failures = options.out, failures_of(options)
-    last = failures.health(case.vehicle.health, round(options.duration * 1e9))
+    last = failures.after(case.vehicle, round(options.duration * 1e9))
     samples = {
         name: sample_errors(
-            flight, case.controller(), options.goals.first, changes[name], case.body().vehicle
+            flight, case.controller(), options.goals.first, changes[name], case.body().vehicle,
+            failures,
         ) for name, flight in flights.items()
     }
     resting = bool((case.plant().state == NULL_STATE).all())
     words = trajectory_words(options)
-    lost = audit(case.vehicle.with_health(last)).lost
+    lost = audit(last).lost
     found = {
         'duration': options.duration,
         'start': 'rest at the origin' if resting else 'the initial state of the parameters',
