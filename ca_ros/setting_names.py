@@ -24,6 +24,8 @@ REMOVED = {
         'use prevent, which keeps the sense of yaw, or allow, which keeps thrust near its demand',
     'allocation.redistributed_pseudo_inverse.iterations':
         'leave it out: the method ends after as many steps as there are rotors',
+    'allocation.weighted_least_squares.gamma':
+        'multiply the weights wv by the square root of gamma / 1e6',
     'allocation.weighted_least_squares.iterations':
         'leave it out: the method ends after 100 steps',
     'battery_timeout':

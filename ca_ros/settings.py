@@ -141,7 +141,7 @@ class Settings:
 
 
 S = TypeVar('S', bound=Settings)
-Groups = Mapping[str, type[Settings]]
+Groups = dict[str, type[Settings]]
 
 _FOUND: dict[type[Settings], Mapping[str, Field | type[Settings] | Groups]] = {}
 
@@ -178,7 +178,7 @@ def table(kind: type[Settings], prefix: str = '', own: Groups | None = None) -> 
     for name, field in _fields(kind).items():
         if isinstance(field, type):
             found |= table(field, f'{prefix}{name}.', own)
-        elif isinstance(field, Mapping):
+        elif isinstance(field, dict):
             for group, each in {**field, **(own or {})}.items():
                 found |= table(each, f'{prefix}{group}.')
         elif not field.python_only:
@@ -204,7 +204,7 @@ def read(
         full, old = prefix + name, getattr(before, name, None)
         if isinstance(field, type):
             values[name] = read(field, given, f'{full}.', own, old)
-        elif isinstance(field, Mapping):
+        elif isinstance(field, dict):
             new = {
                 group: read(each, given, f'{prefix}{group}.', None, old and old[group])
                 for group, each in {**field, **(own or {})}.items()

@@ -321,7 +321,7 @@ def test_missing_axes(method):
     ('redistributed_pseudo_inverse', 'weights', [1e-5] + [1.0] * 5, 'weights: 1 is more than'),
     ('weighted_least_squares', 'gamma', 0.0, 'gamma: must be positive'),
     ('weighted_least_squares', 'wu', [1e-5] + [1.0] * 5, 'wu: 1 is more than 10000 times 1e-05'),
-    ('weighted_least_squares', 'wu', 1e-9, 'gamma: .* is more than 1e.10 times Wu, 1e-09'),
+    ('weighted_least_squares', 'wu', 1e-9, 'wv: sqrt.* is more than 1e.10 times Wu, 1e-09'),
     ('weighted_least_squares', 'wv', ['roll'], "wv: .* such as 'roll 1000', got 'roll'"),
     ('weighted_least_squares', 'wv', ['rol 3'], "wv: .* thrust, roll, .* got 'rol 3'"),
     ('weighted_least_squares', 'wv', ['roll 1', 'roll 2'], 'wv: expected each axis once'),

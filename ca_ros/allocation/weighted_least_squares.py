@@ -28,7 +28,8 @@ class WeightedLeastSquaresSettings(Settings):
     """The settings of `WeightedLeastSquares`."""
 
     gamma: float = setting(
-        1e6, 'weight of the wrench against the preferred thrusts', positive=True, mutable=True)
+        1e6, 'weight of the wrench against the preferred thrusts', positive=True,
+        python_only=True)
     wu: Numbers = setting(
         1.0,
         'Wu: weight of each deviation from a preferred thrust, one number, or one for each rotor, '
@@ -61,7 +62,7 @@ class WeightedLeastSquares(Allocator):
     ----------
     problem : Vehicle or AllocationProblem
     gamma : float, default 1e6
-        Weight of the wrench against the preferred thrusts.
+        Weight of the wrench against the preferred thrusts, beside Wv.
     wu : float or (n,) array, default 1
         Weight of each deviation from a preferred thrust, positive, at most 1e4 times each other.
     wv : sequence of str or (m,) array, default ('thrust 100', 'roll 1000', 'pitch 1000', 'yaw 1')
@@ -97,7 +98,7 @@ class WeightedLeastSquares(Allocator):
         self._scale = np.sqrt(self.settings.gamma) * self.wv
         if self._scale.max() > RATIO_MAX * self.wu.min():
             raise ParameterError(
-                f'gamma: sqrt(gamma) Wv, up to {self._scale.max():g}, is more than {RATIO_MAX:g} '
+                f'wv: sqrt(gamma) Wv, up to {self._scale.max():g}, is more than {RATIO_MAX:g} '
                 f'times Wu, {self.wu.min():g}, too much for the digits of the thrusts'
             )
         self._matrix = np.vstack([self._scale[:, None] * problem.gamma, np.diag(self.wu)])

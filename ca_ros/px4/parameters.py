@@ -78,6 +78,16 @@ def read(text: str) -> dict[str, float]:
     return given
 
 
+def _check_reverse(reverse: int, every: int, least: float) -> None:
+    """Raise a ValueError if the motors that reverse contradict the least speed [rad/s]."""
+    if reverse and least >= 0.0:
+        raise ValueError('CA_R_REV: motors reverse, so expected a --speed-min below 0')
+    if least < 0.0 and reverse != every:
+        raise ValueError(
+            f'CA_R_REV is {reverse}: one --speed-min below 0 expects {every}, all motors'
+        )
+
+
 def from_px4(
     given: Mapping[str, float], mass: float, speeds: tuple[float, float],
     thrust_coefficient: float, moment_constant: float | None = None,
@@ -123,13 +133,7 @@ def from_px4(
             raise ValueError(f'rotor {i} has no axis or no thrust: PX4 would ignore it')
         if km[i] == 0.0:
             raise ValueError(f'CA_ROTOR{i}_KM is 0: expected its sign, the sense of rotation')
-    reverse, all_reverse = int(given.get('CA_R_REV', 0)), 2**n - 1
-    if reverse and speeds[0] >= 0.0:
-        raise ValueError('CA_R_REV: motors reverse, so expected a --speed-min below 0')
-    if speeds[0] < 0.0 and reverse != all_reverse:
-        raise ValueError(
-            f'CA_R_REV is {reverse}: one --speed-min below 0 expects {all_reverse}, all motors'
-        )
+    _check_reverse(int(given.get('CA_R_REV', 0)), 2**n - 1, speeds[0])
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     thrust = thrust_coefficient * ct / ct.max()
     torque = thrust * (np.abs(km) if moment_constant is None else moment_constant)

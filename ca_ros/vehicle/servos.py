@@ -222,41 +222,50 @@ def servos_of(
     lengths = np.linalg.norm(axes, axis=1)
     axes = axes / np.where(lengths > 0.0, lengths, 1.0)[:, None]
     for i in range(n):
-        span, place = upper[i] - lower[i], f'of rotor {i + 1}'
-        if span < 0.0:
-            raise ParameterError(
-                f'rotors.tilt_min: {lower[i]:g} rad {place} is above tilt_max, {upper[i]:g} rad'
-            )
-        if span <= FIXED and not gimbal[i]:
-            if lower[i] and not lengths[i]:
-                raise ParameterError(f'rotors.tilt_axes: the axis {place} is zero, but it tilts')
-            continue
-        if not lengths[i] or abs(axes[i] @ nominal[i]) > ROUNDING:
-            raise ParameterError(
-                f'rotors.tilt_axes: expected an axis normal to rotors.axes {place}, got '
-                f'{axes[i].tolist()}'
-            )
-        if gimbal[i] and span > FIXED:
-            raise ParameterError(
-                f'rotors.gimbal: {gimbal[i]:g} rad {place} beside tilt_min and tilt_max; expected '
-                'one of them'
-            )
-        whole = -ROUNDING < span - 2.0 * pi < 1e-3
-        if (span > pi + ROUNDING and not whole) or gimbal[i] > pi / 2 + ROUNDING:
-            raise ParameterError(
-                f'rotors.tilt_max: {span or 2.0 * gimbal[i]:g} rad from limit to limit {place}; '
-                'expected up to half a circle, or a whole one: others are not convex'
-            )
-        if speed_min[i] < 0.0 or (speed_min[i] > 0.0 and span > pi + ROUNDING):
-            raise ParameterError(
-                f'rotors.speed_min: {speed_min[i]:g} rad/s {place}, which tilts; expected at '
-                'least 0, and 0 for a whole circle: other thrusts are not a convex set'
-            )
-        if speed_min[i] == speed_max[i]:
-            raise ParameterError(
-                f'rotors.speed_min: {speed_min[i]:g} rad/s {place}, which tilts; expected less '
-                'than its speed_max, which is the same'
-            )
+        limits = float(lower[i]), float(upper[i]), float(gimbal[i])
+        _check_tilt(i, axes[i], nominal[i], *limits, float(speed_min[i]), float(speed_max[i]))
     driven = (gimbal > 0.0) | (upper - lower > FIXED)
     servos = Servos(axes, lower, upper, gimbal, np.array(nominal), driven, rate_max)
     return servos if driven.any() else Servos.none(servos.turned(lower)[0])
+
+
+def _check_tilt(
+    i: int, axis: Array, nominal: Array, lower: float, upper: float, gimbal: float,
+    speed_min: float, speed_max: float,
+) -> None:
+    """Raise a ParameterError if what tilts rotor i is contradictory, or makes no convex set."""
+    span, place = upper - lower, f'of rotor {i + 1}'
+    if span < 0.0:
+        raise ParameterError(
+            f'rotors.tilt_min: {lower:g} rad {place} is above tilt_max, {upper:g} rad'
+        )
+    if span <= FIXED and not gimbal:
+        if lower and not axis.any():
+            raise ParameterError(f'rotors.tilt_axes: the axis {place} is zero, but it tilts')
+        return
+    if not axis.any() or abs(axis @ nominal) > ROUNDING:
+        raise ParameterError(
+            f'rotors.tilt_axes: expected an axis normal to rotors.axes {place}, got '
+            f'{axis.tolist()}'
+        )
+    if gimbal and span > FIXED:
+        raise ParameterError(
+            f'rotors.gimbal: {gimbal:g} rad {place} beside tilt_min and tilt_max; expected '
+            'one of them'
+        )
+    whole = -ROUNDING < span - 2.0 * pi < 1e-3
+    if (span > pi + ROUNDING and not whole) or gimbal > pi / 2 + ROUNDING:
+        raise ParameterError(
+            f'rotors.tilt_max: {span or 2.0 * gimbal:g} rad from limit to limit {place}; '
+            'expected up to half a circle, or a whole one: others are not convex'
+        )
+    if speed_min < 0.0 or (speed_min > 0.0 and span > pi + ROUNDING):
+        raise ParameterError(
+            f'rotors.speed_min: {speed_min:g} rad/s {place}, which tilts; expected at '
+            'least 0, and 0 for a whole circle: other thrusts are not a convex set'
+        )
+    if speed_min == speed_max:
+        raise ParameterError(
+            f'rotors.speed_min: {speed_min:g} rad/s {place}, which tilts; expected less '
+            'than its speed_max, which is the same'
+        )

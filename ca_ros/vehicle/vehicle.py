@@ -146,11 +146,7 @@ class Vehicle:
         axes = AxesSettings() if axes is None else axes
         arms = rotor_positions(rotors) - np.array(body.center_of_mass, float)
         n, spins = len(arms), rotors.spins
-        if n > EFFECTORS_MAX:
-            most = f'up to {EFFECTORS_MAX} rotors'
-            raise ParameterError(f'rotors.positions: expected {most}, got {n}')
-        if isinstance(spins, str) or len(spins) != n:
-            raise ParameterError(f'rotors.spins: expected {n} words, one per rotor, got {spins!r}')
+        _check_numbers(n, spins)
 
         def each(name: str) -> Array:
             return repeated(f'rotors.{name}', getattr(rotors, name), n)
@@ -160,22 +156,13 @@ class Vehicle:
         ordered_bounds('rotors.speed_min', 'rotors.speed_max', speed_min, speed_max, names)
         forwards, backwards = each('thrust_coefficient'), each('thrust_coefficient_reverse')
         up, down = each('acceleration_max'), each('deceleration_max')
-        if (up > 0.0).any() != (up > 0.0).all() or (down.any() and not (up * down).all()):
-            raise ParameterError(
-                'rotors.acceleration_max, rotors.deceleration_max: expected positive numbers for '
-                f'all rotors, or 0 for all, got {up.tolist()} and {down.tolist()}'
-            )
+        _check_rates(up, down)
         per_volt, nominal = each('speed_max_per_volt'), rotors.battery_voltage
         if per_volt.any() and not nominal:
             nominal = float((speed_max[per_volt > 0.0] / per_volt[per_volt > 0.0]).max())
         # Full throttle reaches beyond speed_max with a full battery.
         full = np.maximum(speed_max, VOLTAGES[1] * nominal * per_volt)
-        try:
-            curve = ThrustCurve.from_settings(
-                rotors.thrust_curve, forwards, speed_min, speed_max, float(full.max())
-            )
-        except ParameterError as error:
-            raise ParameterError(f'rotors.thrust_curve.{error}') from None
+        curve = _curve_of(rotors, forwards, speed_min, speed_max, float(full.max()))
         servos = servos_of(rotors, rotor_axes(rotors, n), speed_min, speed_max)
         vehicle = cls(
             mass=body.mass,
@@ -411,6 +398,33 @@ class Vehicle:
             self.thrust_max + rounding, *self.speed_limits,
         )
         return [tuple(row) for row in np.column_stack(columns).tolist()]
+
+
+def _check_numbers(n: int, spins: Any) -> None:
+    """Raise a ParameterError if there are too many rotors, or not a spin for each."""
+    if n > EFFECTORS_MAX:
+        raise ParameterError(f'rotors.positions: expected up to {EFFECTORS_MAX} rotors, got {n}')
+    if isinstance(spins, str) or len(spins) != n:
+        raise ParameterError(f'rotors.spins: expected {n} words, one per rotor, got {spins!r}')
+
+
+def _check_rates(up: Array, down: Array) -> None:
+    """Raise a ParameterError if only some rotors have a limit on the rate of their speed (n,)."""
+    if (up > 0.0).any() != (up > 0.0).all() or (down.any() and not (up * down).all()):
+        raise ParameterError(
+            'rotors.acceleration_max, rotors.deceleration_max: expected positive numbers for '
+            f'all rotors, or 0 for all, got {up.tolist()} and {down.tolist()}'
+        )
+
+
+def _curve_of(
+    rotors: RotorSettings, k_f: Array, speed_min: Array, speed_max: Array, full: float
+) -> ThrustCurve:
+    """Return the curve of `ThrustCurve.from_settings`; errors have the name of the group."""
+    try:
+        return ThrustCurve.from_settings(rotors.thrust_curve, k_f, speed_min, speed_max, full)
+    except ParameterError as error:
+        raise ParameterError(f'rotors.thrust_curve.{error}') from None
 
 
 @lru_cache

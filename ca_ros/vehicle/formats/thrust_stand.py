@@ -156,43 +156,8 @@ def fit(
       are then nominal, in proportion to the square root of the thrust
     - `as_table`: whether the curve is a table, with the mean of the points of each throttle
     """
-    if 'thrust' not in columns:
-        raise ParameterError('no column of thrust')
-    data = dict(columns)
-    if 'speed' not in data:
-        if speed_max is None or not {'throttle', 'pwm'} & {*data}:
-            needed = 'one, or --speed-max beside throttle or PWM'
-            raise ParameterError(f'no column of speed: expected {needed}')
-        shares = np.maximum(data['thrust'], 0.0) / max(data['thrust'].max(initial=0.0), 1e-9)
-        data['speed'] = speed_max * np.sqrt(shares)
-    elif speed_max is not None:
-        raise ParameterError('--speed-max: not with a column of speed')
-    ends, note = None, ''
-    turning = (data['speed'] > 0.0) & (data['thrust'] > 0.0)
-    if 'pwm' in data and len(turning):
-        if 'throttle' in data:
-            raise ParameterError('columns of throttle and of PWM: leave one of them out')
-        least, full = float(data['pwm'].min()), float(data['pwm'].max())
-        if turning[data['pwm'].argmin()]:
-            if least <= REST:
-                raise ParameterError(f'the motor turned at {least:g} us: expected a row at rest')
-            least, note = REST, f'no row at rest: throttle 0 is assumed to be {REST:g} us'
-        ends = least, full
-        data['throttle'] = (data['pwm'] - least) / max(full - least, 1e-9)
-    if count := (data['thrust'] < 0.0).sum():
-        note = '; '.join(filter(None, [note, f'rows of negative thrust left out: {count}']))
-    if (count := turning.sum()) < FEWEST:
-        raise ParameterError(f'{count} points with speed and thrust: expected {FEWEST} or more')
-    order = np.argsort(data['speed'][turning], kind='stable')
-    data = {name: values[turning][order] for name, values in data.items()}
+    data, ends, note = _sound_rows(columns, speed_max)
     w, f, x = data['speed'], data['thrust'], data.get('throttle')
-    if x is not None and x.max() < FULL:
-        raise ParameterError(
-            f'throttle ends at {x.max():g}: expected rows up to full throttle, 1 (for thrust over '
-            'speed alone, leave throttle and voltage out)'
-        )
-    if f[-1] - f[0] <= FLAT * f[-1]:
-        raise ParameterError('the thrust does not increase with the speed')
     k_f = float(w**2 @ f / (w**2 @ w**2))
     settings: dict[str, object] = {'thrust_coefficient': digits(k_f)}
     if 'torque' in data:
@@ -202,8 +167,7 @@ def fit(
     if 'voltage' in data:
         settings['speed_max_per_volt'] = digits(w[-1] / data['voltage'][-1])
     points: dict[str, object] = {}
-    measured = speeds = w
-    thrusts, expo = f, 0.0
+    measured, speeds, thrusts, expo = w, w, f, 0.0
     if x is not None:
         steps, member = np.unique(np.round(x, 4), return_inverse=True)
         # At another voltage, the same throttle turns the rotor in proportion to it.
@@ -239,6 +203,54 @@ def fit(
         points['speeds'] = [digits(speed) for speed in speeds]
     settings['thrust_curve'] = points
     return StandFit(w, f, ThrustCurve(coefficient=k_f), curve, settings, x, expo, note)
+
+
+def _sound_rows(
+    columns: Mapping[str, Array], speed_max: float | None
+) -> tuple[dict[str, Array], tuple[float, float] | None, str]:
+    """Return the rows in which the rotor turns, with speed and throttle, by increasing speed.
+
+    After them the pulse widths of no and full throttle [us], None without PWM, and a note.  The
+    arguments and errors are those of `fit`.
+    """
+    if 'thrust' not in columns:
+        raise ParameterError('no column of thrust')
+    data = dict(columns)
+    if 'speed' not in data:
+        if speed_max is None or not {'throttle', 'pwm'} & {*data}:
+            needed = 'one, or --speed-max beside throttle or PWM'
+            raise ParameterError(f'no column of speed: expected {needed}')
+        shares = np.maximum(data['thrust'], 0.0) / max(data['thrust'].max(initial=0.0), 1e-9)
+        data['speed'] = speed_max * np.sqrt(shares)
+    elif speed_max is not None:
+        raise ParameterError('--speed-max: not with a column of speed')
+    ends, note = None, ''
+    turning = (data['speed'] > 0.0) & (data['thrust'] > 0.0)
+    if 'pwm' in data and len(turning):
+        if 'throttle' in data:
+            raise ParameterError('columns of throttle and of PWM: leave one of them out')
+        least, full = float(data['pwm'].min()), float(data['pwm'].max())
+        if turning[data['pwm'].argmin()]:
+            if least <= REST:
+                raise ParameterError(f'the motor turned at {least:g} us: expected a row at rest')
+            least, note = REST, f'no row at rest: throttle 0 is assumed to be {REST:g} us'
+        ends = least, full
+        data['throttle'] = (data['pwm'] - least) / max(full - least, 1e-9)
+    if count := (data['thrust'] < 0.0).sum():
+        note = '; '.join(filter(None, [note, f'rows of negative thrust left out: {count}']))
+    if (count := turning.sum()) < FEWEST:
+        raise ParameterError(f'{count} points with speed and thrust: expected {FEWEST} or more')
+    order = np.argsort(data['speed'][turning], kind='stable')
+    data = {name: values[turning][order] for name, values in data.items()}
+    f, x = data['thrust'], data.get('throttle')
+    if x is not None and x.max() < FULL:
+        raise ParameterError(
+            f'throttle ends at {x.max():g}: expected rows up to full throttle, 1 (for thrust over '
+            'speed alone, leave throttle and voltage out)'
+        )
+    if f[-1] - f[0] <= FLAT * f[-1]:
+        raise ParameterError('the thrust does not increase with the speed')
+    return data, ends, note
 
 
 def digits(number: float) -> float:
