@@ -195,9 +195,9 @@ def test_a_late_copy_has_the_same_answer_and_changes_no_later_one(graph):
     assert ask(20_000_000) == last[6:].tobytes()
 
     def fly_to(x):
-        before = control._waypoint
+        before = control.waypoint
         waypoint.publish(pose_message((x, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 0))
-        graph.spin_until(lambda: control._waypoint is not before, 'the waypoint')
+        graph.spin_until(lambda: control.waypoint is not before, 'the waypoint')
 
     def see(time):
         wrenches.clear()
