@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ca_ros.allocation.osqp_program import osqp_program
+from ca_ros.allocation.osqp import osqp_program
 from ca_ros.allocation.result import Status
 from ca_ros.firmware.literals import literal
 from ca_ros.problem.prioritization import THRUST_DEVIATION, default_order, sensed

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from ca_ros.allocation.osqp_program import osqp_program
+from ca_ros.allocation.osqp import osqp_program
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.studies.comparison import hierarchical

@@ -10,6 +10,7 @@ from ca_ros.allocation import (
     Conventional,
     Direct,
     Exact,
+    Osqp,
     PseudoInverse,
     RedistributedPseudoInverse,
     SequentialDesaturation,
@@ -31,7 +32,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 __all__ = [
     'ALLOCATORS', 'AdmissibleSet', 'Allocation', 'AllocationBatch', 'AllocationProblem',
     'Allocator', 'Audit', 'BetaflightMixer', 'CaRosError', 'Conventional', 'Direct', 'Exact',
-    'Interval', 'ParameterError', 'PseudoInverse', 'RedistributedPseudoInverse', 'Sector',
+    'Interval', 'Osqp', 'ParameterError', 'PseudoInverse', 'RedistributedPseudoInverse', 'Sector',
     'SequentialDesaturation', 'Settings', 'SlewLimited', 'Status', 'TiltLimited',
     'Vehicle', 'WeightedLeastSquares', 'WeightedPseudoInverse', 'audit',
     'control_allocation_matrix', 'make_allocator', 'setting',

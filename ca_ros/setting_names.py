@@ -22,6 +22,8 @@ RENAMED: dict[str, tuple[str, dict[str, Any]]] = {
 REMOVED = {
     'allocation.exact.thrust_deviation: avoid':
         'use prevent, which keeps the sense of yaw, or allow, which keeps thrust near its demand',
+    'allocation.exact.solver':
+        'leave it out: exact has the same thrusts; allocation.method: osqp is OSQP alone',
     'allocation.redistributed_pseudo_inverse.iterations':
         'leave it out: the method ends after as many steps as there are rotors',
     'allocation.weighted_least_squares.gamma':

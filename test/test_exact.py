@@ -16,7 +16,6 @@ from strategies import (
     middle,
     random_vehicle,
     ring,
-    solver,
 )
 from strategies import unaudited as make_allocator
 
@@ -163,21 +162,6 @@ def test_without_slack_almost_symmetric_vehicles_are_exact_on_all_of_their_facet
             # Small pivots magnify the rounding errors in which two implementations differ.
             limit = 1e-7 if allocator.engine == 'C' else 1e-12
             assert np.linalg.norm(a.wrench - served) <= limit * max(1.0, np.linalg.norm(served))
-
-
-# With OSQP
-
-@pytest.mark.parametrize('name', ['hexarotor', 'x8_identical_columns'])
-def test_a_start_at_the_answer_of_osqp_ends_at_the_same_thrusts(name):
-    vehicle, rng = FLEET[name], np.random.default_rng(3)
-    solver('osqp')
-    own, started = (make_allocator('exact', vehicle, solver=start) for start in ('newton', 'osqp'))
-    for kind, wrenches in commands(vehicle, rng, 5):
-        for u in wrenches:
-            check(vehicle, started, kind, u)
-        np.testing.assert_allclose(
-            started.allocate_batch(wrenches).thrusts, own.allocate_batch(wrenches).thrusts,
-            rtol=0.0, atol=1e-6)
 
 
 # The certificate

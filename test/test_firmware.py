@@ -297,7 +297,6 @@ OPTIONS = [
     {'thrust_deviation': 'allow'},
     {'order': ['yaw', 'roll pitch', 'thrust']},
     {'residual_slack': 1e-4},
-    {'solver': 'osqp'},
 ]
 
 

@@ -358,5 +358,5 @@ def test_the_studies_have_all_methods(tmp_path, monkeypatch):
 def test_each_method_has_a_style_of_its_own():
     looks = [
         (look['color'], look['linestyle'])
-        for look in styles([*ALLOCATORS, 'osqp_default', 'my:Own']).values()]
+        for look in styles([*ALLOCATORS, 'osqp_tight', 'my:Own']).values()]
     assert len(set(looks)) == len(ALLOCATORS) + 2

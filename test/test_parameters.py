@@ -384,7 +384,7 @@ def test_a_class_takes_the_settings_of_its_method(method):
 
 
 def test_a_method_checks_its_options_as_its_parameters():
-    for wrong in ({'policy': 'hope'}, {'solver': 'magic'}, {'residual_slack': 0.5},
+    for wrong in ({'policy': 'hope'}, {'residual_slack': 0.5},
                   {'residual_slack': math.nan}):
         [(name, value)] = wrong.items()
         with pytest.raises(ParameterError, match=f'^{name}: must be .*, got {value!r}$'):

@@ -250,12 +250,12 @@ def test_a_vehicle_with_other_axes_is_drawn(axes, tmp_path):
 @pytest.mark.slow
 def test_plain_osqp_shows_what_the_finish_is_for(tmp_path, plain):
     pytest.importorskip('osqp')
-    command = ['--samples', '300', '--methods', 'exact,osqp_default,osqp_tight']
+    command = ['--samples', '300', '--methods', 'exact,osqp,osqp_tight']
     for sampling, least in (('volume', 40), ('boundary', 150)):
         assert main([*command, '--sampling', sampling, '--out', str(tmp_path)]) == 0
         methods = metrics_of(tmp_path)['methods']
-        assert methods['osqp_default']['violations'] > least
-        assert methods['osqp_default']['violation_max'] > 1e-3
+        assert methods['osqp']['violations'] > least
+        assert methods['osqp']['violation_max'] > 1e-3
         assert 1e-10 < methods['osqp_tight']['force_error']['max'] < 1e-5
         assert methods['exact']['violation_max'] == 0.0
         assert methods['exact']['status'] == {'EXACT': 300}

@@ -13,7 +13,7 @@ from ca_ros import Vehicle, make_allocator
 vehicle = Vehicle.load('hexarotor')
 print(make_allocator('exact', vehicle).allocate([9.81, 0.5, 0.0, 0.1]).status.name)
 try:
-    make_allocator('exact', vehicle, solver='osqp')
+    make_allocator('osqp', vehicle)
 except ValueError as error:
     print(error)
 """
@@ -24,6 +24,6 @@ def test_it_allocates_and_names_the_missing_package():
     assert run.returncode == 0, run.stderr
     status, reason = run.stdout.splitlines()
     assert status == 'EXACT'
-    assert reason.startswith('solver:')
+    assert reason.startswith('osqp:')
     assert 'pip install osqp' in reason
-    assert "'newton' gives the same answers" in reason
+    assert 'exact solves the same program' in reason

@@ -11,6 +11,7 @@ from ca_ros.allocation.betaflight_mixer import BetaflightMixer
 from ca_ros.allocation.conventional import Conventional
 from ca_ros.allocation.direct import Direct
 from ca_ros.allocation.exact import Exact
+from ca_ros.allocation.osqp import Osqp
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.allocation.redistributed_pseudo_inverse import RedistributedPseudoInverse
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
@@ -33,6 +34,7 @@ ALLOCATORS: dict[str, type[Allocator]] = {
     'weighted_least_squares': WeightedLeastSquares,
     'sequential_desaturation': SequentialDesaturation,
     'betaflight_mixer': BetaflightMixer,
+    'osqp': Osqp,
 }
 """The allocation methods by name; the first four in the order of the paper's Table 1."""
 
@@ -127,7 +129,7 @@ def allocator_with(
 
 __all__ = [
     'ALLOCATORS', 'Allocation', 'AllocationBatch', 'AllocationProblem', 'Allocator',
-    'BetaflightMixer', 'Conventional', 'Direct', 'Exact', 'Powerless', 'PseudoInverse',
+    'BetaflightMixer', 'Conventional', 'Direct', 'Exact', 'Osqp', 'Powerless', 'PseudoInverse',
     'RedistributedPseudoInverse', 'SequentialDesaturation', 'Status', 'WeightedLeastSquares',
     'WeightedPseudoInverse', 'allocator_with', 'make_allocator', 'method_class',
 ]  # fmt: skip

@@ -156,9 +156,15 @@ class Allocator(ABC):
         return Status.EXACT if self.problem.is_exact(u, thrusts) else Status.INEXACT
 
     def _clipped(self, u: Array, wanted: Array) -> Allocation:
-        """Return the allocation of thrusts (n,) that are clipped to their bounds, Eq. (13)."""
+        """Return the allocation of thrusts (n,) that are clipped to their bounds, Eq. (13).
+
+        If they are NaN, because there are none, the wrench is rejected.
+        """
         thrusts = self.problem.saturate(wanted)
         violation = float(np.abs(wanted - thrusts).max())
+        if violation != violation:
+            rest = self.problem.resting_thrusts.copy()
+            return Allocation(self.problem, u, rest, Status.REJECTED, 0.0, np.inf)
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts), violation=violation)
 
 

@@ -17,11 +17,10 @@ def backend_of(problem: AllocationProblem, settings: ExactSettings) -> Backend:
     problem's admissible set has no volume, or a setting does not suit the problem.
     """
     if isinstance(problem.sets, Box):
-        kernel = chosen(problem.n, len(problem.axes)) if settings.solver == 'newton' else None
+        kernel = chosen(problem.n, len(problem.axes))
         if kernel is not None:
             return BoxKernel(kernel, problem, settings)
-        if settings.solver == 'newton':
-            warn_if_missing()
+        warn_if_missing()
         return BoxNumpy(problem, settings)
     backend = SetsNumpy(problem, settings)
     if backend.engine == 'NumPy':

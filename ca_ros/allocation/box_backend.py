@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.explanation import BY_ORDER, BY_POLICY, Explanation, explained, margin_of
-from ca_ros.allocation.osqp_program import osqp_start
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.kernel import Kernel
@@ -92,10 +91,7 @@ def kernel_for(
 
 
 class BoxNumpy(BoxBackend):
-    """The NumPy implementation: the reference of the kernel, and its replacement.
-
-    With OSQP, Newton's method starts at its answer.
-    """
+    """The NumPy implementation: the reference of the kernel, and its replacement."""
 
     engine = 'NumPy'
 
@@ -104,7 +100,6 @@ class BoxNumpy(BoxBackend):
         preference = settings.preference(problem)
         self._status, self._slack = settings.status, settings.residual_slack
         self._serve = Prioritization(problem, *settings.serving(problem))
-        self._osqp = osqp_start(problem, preference) if settings.solver == 'osqp' else None
         self._preference, self._solver = preference, problem.box.solver(preference)
         self._idle = ~problem.gamma.any(axis=0)
 
@@ -174,7 +169,6 @@ class BoxNumpy(BoxBackend):
         return int(status), float(served.levels.min())
 
     def _least(self, solver: DualNewton, u: Array) -> Solution:
-        start = None if self._osqp is None else self._osqp(u)
         tolerance = float(self._problem.tolerance(u))
         slack = tolerance / EXACT_TOLERANCE * self._slack
-        return solver.solve(u, tolerance, start, slack)
+        return solver.solve(u, tolerance, slack)

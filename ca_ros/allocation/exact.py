@@ -42,9 +42,6 @@ class Exact(Allocator):
     chooses an attainable wrench, which is then allocated exactly.  A batch uses all processors
     that the process may run on.
 
-    The solver starts at the pseudo-inverse or at the solution of OSQP, and ends at the same
-    thrusts, to rounding.  With 'osqp' the NumPy implementation solves the problem.
-
     Where facets of the admissible set are almost parallel, because the vehicle is symmetric except
     for the rounding of its file, `residual_slack` keeps the thrusts from jumping.
 
@@ -81,7 +78,7 @@ class Exact(Allocator):
     Raises
     ------
     ValueError
-        If an option is wrong, the vehicle's admissible set has no volume, or OSQP is missing.
+        If an option is wrong, or the vehicle's admissible set has no volume.
     """
 
     solves = 'quadratic program: min |f|^2 with Gamma f = u within the bounds'

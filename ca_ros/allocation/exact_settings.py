@@ -56,10 +56,6 @@ class ExactSettings(PrioritiesSettings):
     preferred: Numbers = setting(
         0.0, 'thrusts that the cost prefers: one number, or one for each rotor', unit='N',
         mutable=True)
-    solver: Literal['newton', 'osqp'] = setting(
-        'newton',
-        'where the solver starts. newton: at the pseudo-inverse; osqp: at the solution of OSQP. '
-        'Both end at the same thrusts', mutable=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

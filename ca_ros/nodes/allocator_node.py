@@ -83,7 +83,7 @@ class AllocatorNode(Node):
         self.diagnostics.start(
             self._levels, self._values, self.streams, self.watchdog.watch, log=self.belief.log)
         if find_spec('osqp') is None:
-            known = 'allocation.exact.solver can only be newton, which gives the same answers'
+            known = 'allocation.method cannot be osqp; exact solves the same program'
             self.get_logger().info(f'osqp is not installed: {known}')
 
     @staticmethod

@@ -90,9 +90,7 @@ class DualNewton:
         self._lengths = np.linalg.norm(matrix, axis=1)
         self.greatest = max(1.0, *np.abs([self._low, self._high]).ravel().tolist())
 
-    def solve(
-        self, u: Array, tolerance: float, start: Array | None = None, slack: float = 0.0
-    ) -> Solution:
+    def solve(self, u: Array, tolerance: float, slack: float = 0.0) -> Solution:
         """Find the smallest thrusts that produce u.
 
         A facet of the attainable set may contain more than m - 1 columns of A.  If these columns
@@ -104,11 +102,9 @@ class DualNewton:
         - `u` (m,): if it is not attainable, the thrusts are some that produce about the nearest
           wrench
         - `tolerance`: goal for |A f - u|
-        - `start` (m,): multipliers to start at
         - `slack`: greatest |A f - u| where multipliers are large
         """
-        y = self._target(u) if start is None else self._back.T @ start
-        thrusts, y, residual, proven = self._solve(u, tolerance, y)
+        thrusts, y, residual, proven = self._solve(u, tolerance, self._target(u))
         attained = self._within(residual, tolerance, thrusts)
         proven = proven and not attained
         steep = STEEP * self.greatest

@@ -5,10 +5,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ca_ros.allocation import Allocation, AllocationProblem, Allocator, Status
+from ca_ros.allocation import Allocation, AllocationProblem, Allocator
 from ca_ros.allocation.direct import Direct
 from ca_ros.allocation.exact import Exact
-from ca_ros.allocation.osqp_program import osqp_program
+from ca_ros.allocation.osqp import Osqp
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.arrays import Array
 from ca_ros.problem.prioritization import default_order
@@ -43,44 +43,13 @@ class DirectAboutHover(Allocator):
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts))
 
 
-class Saturated(Allocator):
-    """The thrusts of a solver, saturated."""
+class TightOsqp(Osqp):
+    """`Osqp` at tolerances of 1e-8, as tight as the paper's own."""
 
-    def _saturated(self, u: Array, wanted: Array) -> Allocation:
-        """Return the allocation of thrusts that are NaN where there is no answer."""
-        if not np.isfinite(wanted).all():
-            rest = self.problem.resting_thrusts.copy()
-            return Allocation(self.problem, u, rest, Status.INEXACT, violation=np.inf)
-        return self._clipped(u, wanted)
+    options: ClassVar[dict[str, Any]] = {'eps_abs': 1e-8, 'eps_rel': 1e-8}
 
 
-class PlainOsqp(Saturated):
-    """Eqs. (20)-(22) by OSQP at its default tolerances; a ValueError without the package."""
-
-    SETTINGS: ClassVar[dict[str, Any]] = {'warm_starting': False}
-
-    def _set_up(self) -> None:
-        try:
-            self._solver, self._solve = osqp_program(self.problem, **self.SETTINGS)
-        except ImportError:
-            raise ValueError('plain OSQP needs the package osqp (pip install osqp)') from None
-        self._rho = float(self._solver.settings.rho)
-
-    def _allocate(self, u: Array) -> Allocation:
-        # OSQP adapts rho and keeps it: the answer would depend on the wrenches before this one.
-        self._solver.update_settings(rho=self._rho)
-        return self._saturated(u, np.asarray(self._solve(u).x, dtype=float))
-
-
-class TightOsqp(PlainOsqp):
-    """The same at tolerances of 1e-8, as tight as the paper's own."""
-
-    SETTINGS: ClassVar[dict[str, Any]] = {
-        **PlainOsqp.SETTINGS, 'eps_abs': 1e-8, 'eps_rel': 1e-8,
-    }  # fmt: skip
-
-
-class HierarchicalDaqp(Saturated):
+class HierarchicalDaqp(Allocator):
     """The hierarchical program of DAQP, see `hierarchical`; a ValueError without the package."""
 
     def _set_up(self) -> None:
@@ -91,7 +60,7 @@ class HierarchicalDaqp(Saturated):
 
     def _allocate(self, u: Array) -> Allocation:
         wanted, _, flag, _ = self._solve(u)
-        return self._saturated(u, np.where(flag > 0, wanted, np.nan))
+        return self._clipped(u, np.where(flag > 0, wanted, np.nan))
 
 
 def hierarchical(problem: AllocationProblem) -> Callable[[Array], Any]:
@@ -119,6 +88,6 @@ def hierarchical(problem: AllocationProblem) -> Callable[[Array], Any]:
 
 
 FOR_COMPARISON: dict[str, type[Allocator]] = {
-    'osqp_default': PlainOsqp, 'osqp_tight': TightOsqp, 'daqp_hierarchical': HierarchicalDaqp,
+    'osqp_tight': TightOsqp, 'daqp_hierarchical': HierarchicalDaqp,
     'direct_about_hover': DirectAboutHover, 'fixed_pseudo_inverse': FixedPseudoInverse,
 }
