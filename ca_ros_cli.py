@@ -32,8 +32,12 @@ COMMANDS = {
     'fault_proxy': ('ca_ros.nodes.fault_proxy', 'node: drops, delays and damages messages'),
     'audit': (
         'ca_ros.studies.sets.audit_command',
-        'which axes the rotors can control, and what is left after each loss; the exit code is 1 '
-        'if the nodes would refuse the vehicle'),
+        'which axes the rotors can control, what is left after each loss, and what is probably '
+        'wrong in the file; the exit code is 1 if the nodes would refuse the vehicle, and 3 if '
+        'something is probably wrong'),
+    'compare': (
+        'ca_ros.studies.sets.compare_command',
+        'what changes between two vehicles: ranges, hover margin, what each loss costs'),
     'attainable': ('ca_ros.studies.sets.attainable', 'print and draw the attainable wrenches'),
     'static_study': ('ca_ros.studies.static.study', 'compare methods on drawn wrenches'),
     'dynamic_study': ('ca_ros.studies.dynamic.study', 'compare methods in flight'),
@@ -51,6 +55,9 @@ COMMANDS = {
         'print a parameter file from a URDF: mass, inertia, and the places of its rotor links'),
     'gazebo-motors': (
         'ca_ros.vehicle.formats.gazebo', "print Gazebo's motor models of a vehicle, for its SDF"),
+    'mixer': (
+        'ca_ros.vehicle.formats.mixers',
+        'print the mixer of a vehicle for Betaflight or ArduPilot'),
     'px4-parameters': (
         'ca_ros.px4.parameters', "convert the geometry of a vehicle from and to PX4's CA_ROTOR*"),
 }

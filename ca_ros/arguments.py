@@ -24,9 +24,9 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
 def command(
     name: str,
     add_options: Callable[[argparse.ArgumentParser], None],
-    run: Callable[[argparse.Namespace], None],
+    run: Callable[[argparse.Namespace], int | None],
 ) -> int:
-    """Parse the arguments of ``ca_ros NAME`` and run it; return the exit code.
+    """Parse the arguments of ``ca_ros NAME`` and run it; return the exit code, 0 without one.
 
     Errors of files and of values are shown in one line.
     """
@@ -37,12 +37,11 @@ def command(
         prog=f'ca_ros {name}', description=f'{about[0].upper()}{about[1:]}.')
     add_options(parser)
     try:
-        run(parser.parse_args())
+        return run(parser.parse_args()) or 0
     except (OSError, ValueError) as error:
         sys.stdout.flush()
         print(f'ca_ros {name}: {message(error)}', file=sys.stderr)
         return 1
-    return 0
 
 
 def shown(read: Callable[[str], Any]) -> Callable[[str], Any]:

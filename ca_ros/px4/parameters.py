@@ -17,7 +17,9 @@ the right (the same module.yaml, at commit 00f285e).
 
 import argparse
 import re
+import sys
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from functools import partial
 from math import atan2, degrees, radians
 from pathlib import Path
@@ -27,6 +29,9 @@ import numpy as np
 
 from ca_ros.arguments import add_rotor_numbers, command, finite
 from ca_ros.input_files import read_text
+from ca_ros.problem.audit import ARM_MAX
+from ca_ros.problem.diagnosis import diagnose
+from ca_ros.vehicle.files import flatten, read_yaml
 from ca_ros.vehicle.parameter_text import parameter_text
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -44,7 +49,14 @@ ROUNDING = 1e-6
 FLIP = np.array([1.0, -1.0, -1.0])
 
 # `param set-default NAME VALUE` of an airframe, or a line of a file of QGroundControl.
-LINE = re.compile(r'^\s*(?:param\s+set(?:-default)?|\d+\s+\d+)\s+(CA_\w+)\s+(\S+)', re.MULTILINE)
+LINE = re.compile(r'\s*(?:param\s+set(?:-default)?|\d+\s+\d+)\s+(CA_\w+)\s+(\S+)')
+
+NAMES = [
+    'CA_ROTOR_COUNT', 'CA_SV_TL_COUNT',
+    *(f'CA_ROTOR{i}_{kind}' for i in range(ROTORS) for kind in (*KINDS, 'TILT')),
+    *(f'CA_SV_TL{i}_{kind}' for i in range(SERVOS) for kind in ('CT', 'MAXA', 'MINA', 'TD')),
+]
+"""PX4's parameters of rotors and of the servos that tilt them."""
 
 WHOLE = re.compile(r'CA_(ROTOR_COUNT|R_REV|AIRFRAME|SV_TL_COUNT|ROTOR\d+_TILT|SV_TL\d_(TD|CT))')
 
@@ -57,14 +69,21 @@ STYLES = {
 def read(text: str) -> dict[str, float]:
     """Return the parameters CA_* in an airframe or in a file of QGroundControl.
 
-    Raises a ValueError if they do not describe a multirotor with fixed rotors.
+    Raises a ValueError if they do not describe a multirotor, or have names that PX4 does not know.
     """
     given = {}
-    for name, word in LINE.findall(text):
+    for number, line in enumerate(text.splitlines(), 1):
+        if (found := LINE.match(line)) is None:
+            continue
+        name, word = found.groups()
+        if name.startswith(('CA_ROTOR', 'CA_SV_TL')) and name not in NAMES:
+            near = get_close_matches(name, NAMES, 1)
+            hint = f'; did you mean {near[0]}?' if near else ''
+            raise ValueError(f'line {number}: PX4 has no parameter {name}{hint}')
         try:
             given[name] = finite(word)
         except (ValueError, argparse.ArgumentTypeError):
-            raise ValueError(f'{name}: {word!r} is not a number') from None
+            raise ValueError(f'line {number}: {name}: {word!r} is not a number') from None
     if 'CA_ROTOR_COUNT' not in given:
         raise ValueError(
             "no CA_ROTOR_COUNT: expected an airframe ('param set-default CA_ROTOR_COUNT 4') or a "
@@ -75,6 +94,14 @@ def read(text: str) -> dict[str, float]:
             f'CA_AIRFRAME is {given["CA_AIRFRAME"]:g}: expected 0 (multirotor), 7 (motors, 6DOF) '
             f'or {AIRFRAME} (multirotor with tilt)'
         )
+    count = int(given['CA_ROTOR_COUNT'])
+    for i in range(max(count, 0), ROTORS):
+        placed = [f'CA_ROTOR{i}_{kind}' for kind in ('PX', 'PY')]
+        if any(given.get(name, 0.0) for name in placed):
+            raise ValueError(
+                f'CA_ROTOR_COUNT is {count}, but {" and ".join(placed)} place a rotor {i}: '
+                f'expected a count of {i + 1}, or no position'
+            )
     return given
 
 
@@ -127,6 +154,11 @@ def from_px4(
             'metres: give --length, what 1 stands for (--length 1 if it is a metre)'
         )
     places *= 1.0 if length is None else length
+    if (farthest := float(np.abs(places).max())) > ARM_MAX * max(1.0, abs(mass) ** (1.0 / 3.0)):
+        raise ValueError(
+            f'a rotor is {farthest:g} m from the centre of mass of {mass:g} kg: positions look '
+            'like millimetres; --length 0.001 takes them for such'
+        )
     ct, km = (np.array([rotor[kind] for rotor in rotors]) for kind in ('CT', 'KM'))
     for i in range(n):
         if not axes[i].any() or ct[i] <= 0.0:
@@ -281,6 +313,9 @@ def run(options: argparse.Namespace) -> None:
             options.inertia, name, options.length,
         )
         print(found, end='')
+        [content] = read_yaml(found).values()
+        for cause in diagnose(Vehicle.from_parameters(flatten(content['ros__parameters']))):
+            print(f'ca_ros px4-parameters: warning: {cause.text}', file=sys.stderr)
         return
     words = options.order.split(',') if options.order else []
     order = [int(word) if word.strip().isdecimal() else 0 for word in words]

@@ -1,9 +1,15 @@
-"""``ca_ros audit``: which axes a vehicle's rotors can control, and after each loss."""
+"""``ca_ros audit``: which axes a vehicle's rotors can control, after each loss, and what is wrong.
+
+The exit code is 0, 1 if the nodes would refuse the vehicle, and 3 if they would accept it, but
+something is probably wrong in its file.
+"""
 
 import argparse
+import json
 from collections.abc import Sequence
 from functools import partial
 from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +17,12 @@ from ca_ros.arguments import command
 from ca_ros.parameter_files import AllocatorSettings, ControllerNodeSettings, load_for
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.controllability import lift, unit
+from ca_ros.problem.diagnosis import Cause, diagnose
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.failures import read_failures, with_failures
 from ca_ros.vehicle.vehicle import Vehicle
+
+PROBABLY_WRONG = 3  # the exit code
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -22,10 +31,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add('vehicle', help='a shipped vehicle or a parameter file')
     failed = 'rotors that are lost already, counted from 1, or weaker; all=0.8: each at 80 %%'
     add('--fail', action='append', metavar='ROTOR[=HEALTH],...', help=failed)
+    add('--format', choices=('text', 'json'), default='text', help='(default: %(default)s)')
 
 
-def run(options: argparse.Namespace) -> None:
-    """Print the audit; raise a `ParameterError` if the nodes would refuse the vehicle."""
+def run(options: argparse.Namespace) -> int:
+    """Print the audit; return the exit code.
+
+    Raises a `ParameterError` if the nodes would refuse the vehicle.
+    """
     load_for(AllocatorSettings, options.vehicle)
     vehicle = Vehicle.load(options.vehicle)
     if options.fail is not None:
@@ -33,14 +46,37 @@ def run(options: argparse.Namespace) -> None:
             vehicle = with_failures(vehicle, read_failures(','.join(options.fail)))
         except ParameterError as error:
             raise ParameterError(f'--fail: {error}') from None
+    report, causes = audit(vehicle), diagnose(vehicle)
+    if options.format == 'json':
+        print(json.dumps(as_json(options.vehicle, report, causes), indent=2))
+        accept(vehicle)
+        return PROBABLY_WRONG if causes else 0
     rotors = f'{vehicle.n} rotors'
     if 'thrust' in vehicle.axes:
         rotors += ' that lift {:.3g} to {:.3g} kg'.format(*lift(vehicle))
     print(f'{options.vehicle}: {vehicle.mass:.3g} kg on {rotors}\n\n{table(vehicle)}')
-    report = audit(vehicle)
-    for line in [*remains(report, options.vehicle), *(f'warning: {w}' for w in report.warnings)]:
+    told = any(cause.kind == 'units' for cause in causes)
+    warnings = [*(cause.text for cause in causes), *report.warnings[told:]]
+    for line in [*remains(report, options.vehicle), *(f'warning: {w}' for w in warnings)]:
         print(line)
     accept(vehicle)
+    return PROBABLY_WRONG if causes else 0
+
+
+def as_json(name: str, report: Audit, causes: Sequence[Cause]) -> dict[str, Any]:
+    """Return an audit as content of JSON; null where there is no number."""
+    vehicle = report.full.vehicle
+    failures = {}
+    for rotor, case in _cases(vehicle).items():
+        each = audit(case)
+        failures[rotor] = {
+            'lost_axes': each.lost, 'hovers': each.keeps_hovering,
+            'ranges': {axis: each.authority.get(axis) for axis in vehicle.axes}}
+    return {
+        'vehicle': name, 'failures': failures,
+        'causes': [
+            {'kind': each.kind, 'rotors': each.rotors, 'text': each.text} for each in causes],
+        'warnings': report.warnings}
 
 
 def remains(report: Audit, file: str) -> list[str]:
@@ -65,9 +101,7 @@ def remains(report: Audit, file: str) -> list[str]:
 
 def table(vehicle: Vehicle) -> str:
     """Return a table of the controllable axes, of the vehicle as it is and without each rotor."""
-    cases = {'none': vehicle}
-    for rotor in (np.flatnonzero(vehicle.health > 0.0) + 1).tolist():
-        cases[f'rotor {rotor}'] = with_failures(vehicle, {str(rotor): 0.0})
+    cases = _cases(vehicle)
     rows = [
         ['failed', 'lost axes', 'hover margin [N, N m]'],
         *([failed, *_row(audit(case), vehicle.axes)] for failed, case in cases.items()),
@@ -80,6 +114,14 @@ def table(vehicle: Vehicle) -> str:
         '  '.join(f'{word:{width}}' for word, width in zip(row[:-1], widths, strict=False))
         + f'  {row[-1]}' for row in rows
     )
+
+
+def _cases(vehicle: Vehicle) -> dict[str, Vehicle]:
+    """Return the vehicle as it is and without each of its rotors, by name."""
+    cases = {'none': vehicle}
+    for rotor in (np.flatnonzero(vehicle.health > 0.0) + 1).tolist():
+        cases[f'rotor {rotor}'] = with_failures(vehicle, {str(rotor): 0.0})
+    return cases
 
 
 def _row(report: Audit, axes: Sequence[str]) -> list[str]:

@@ -1,0 +1,198 @@
+"""What is probably wrong in the file of a vehicle: slips that one change would explain.
+
+Multirotors are symmetric: a reflection that exchanges the senses of rotation, or a rotation that
+keeps them, maps the rotors to each other.  A slip in one rotor breaks all of these symmetries, a
+shifted centre of mass some of them, and one change restores them.  The changes that restore the
+most are the explanation.  A vehicle that is not symmetric after any of the changes gets none.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.problem.audit import ARM_MAX, audit
+from ca_ros.vehicle.vehicle import Vehicle
+
+SAME_PLACE = 0.03  # distance of a rotor from the image of another, as a share of the longest arm
+SAME_AXIS = 0.05  # the same for axes of rotors, unit vectors
+SAME_THRUST = 0.1  # relative difference between the greatest thrusts of two rotors
+SHIFT_MIN = 0.05  # least shift of the centre of mass that is told, as a share of the longest arm
+UPWARDS = 0.5  # least z of the axis of a rotor that points upwards
+TURN_MIN = 0.3  # least rotation that maps a rotor to another [rad]; of a ring of 12 it is 0.52
+ROTORS_MIN = 4  # with fewer rotors, any two changes would explain a third
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A slip that explains what is wrong.
+
+    - `kind`: 'spin', 'position', 'thrust', 'centre', 'axis', 'spins' or 'units'
+    - `rotors`: the rotors of which one has the slip, counted from 1; empty if it is not a rotor's
+    - `text`: what is wrong and what would be right, in words
+    """
+
+    kind: str
+    rotors: tuple[int, ...]
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """Where the rotors are, seen from above, and what they do.
+
+    `places` (n, 2) from the centre of mass and `axes` (n, 3), `spins` (n,), `thrusts` (n,).
+    """
+
+    places: Array
+    axes: Array
+    spins: Array
+    thrusts: Array
+
+    def changed(self, rotor: int, **values: Array | float) -> '_Layout':
+        """Return the layout with other values of a rotor."""
+        parts = {name: getattr(self, name).copy() for name in self.__dataclass_fields__}
+        for name, value in values.items():
+            parts[name][rotor] = value
+        return _Layout(**parts)
+
+
+def diagnose(vehicle: Vehicle) -> tuple[Cause, ...]:
+    """Return the slips that explain what is wrong with a vehicle; empty if none does.
+
+    Rotors are taken as they would be with full health.
+    """
+    vehicle = vehicle.with_health(1.0)
+    arm = float(np.linalg.norm(vehicle.arms, axis=1).max())
+    if arm > ARM_MAX * max(1.0, vehicle.mass ** (1.0 / 3.0)):
+        return (Cause('units', (), (
+            f'an arm of {arm:.4g} m for {vehicle.mass:.4g} kg: positions look like '
+            'millimetres instead of metres')),)
+    if len(vehicle.servos):
+        return ()
+    up = vehicle.rotor_axes[:, 2]
+    down = np.flatnonzero(up < -UPWARDS)
+    if len(down) == 1 and (np.delete(up, down) > UPWARDS).all() and vehicle.n >= ROTORS_MIN:
+        rotor = int(down[0]) + 1
+        return (Cause('axis', (rotor,), (
+            f'rotor {rotor} points down and all others up: its axis has the wrong sign')),)
+    if not (up > UPWARDS).all():
+        return ()
+    if abs(vehicle.spins.sum()) == vehicle.n >= ROTORS_MIN and 'yaw' in audit(vehicle).lost:
+        return (Cause('spins', tuple(range(1, vehicle.n + 1)), (
+            'all rotors turn the same way, so nothing gives a yaw torque against their drag: '
+            'half of them turn the other way')),)
+    return _broken_symmetry(vehicle) if vehicle.n >= ROTORS_MIN else ()
+
+
+def _broken_symmetry(vehicle: Vehicle) -> tuple[Cause, ...]:
+    """Return the changes that restore the most symmetries of a vehicle that has none."""
+    layout = _Layout(
+        vehicle.arms[:, :2], vehicle.rotor_axes, vehicle.spins,
+        np.maximum(np.abs(vehicle.thrust_max), np.abs(vehicle.thrust_min)))
+    count = _symmetries(layout)
+    # The centre of mass may lie on an axis of reflection, which is left then.
+    changes = _shifts(layout) if count else [*_shifts(layout), *_changes(layout)]
+    found: list[tuple[int, str, int, str]] = []
+    for kind, rotor, text, changed in changes:
+        if (restored := _symmetries(changed)) > count:
+            found.append((restored, kind, rotor, text))
+    most = max((count for count, *_ in found), default=0)
+    best = [each for each in found if each[0] == most]
+    causes = []
+    for kind in dict.fromkeys(kind for _, kind, *_ in best):
+        rotors = tuple(dict.fromkeys(rotor for _, one, rotor, _ in best if one == kind))
+        texts = [text for _, one, _, text in best if one == kind]
+        text = texts[0] if len(rotors) == 1 else _either(kind, rotors)
+        causes.append(Cause(kind, tuple(rotor for rotor in rotors if rotor), text))
+    return tuple(causes)
+
+
+def _either(kind: str, rotors: tuple[int, ...]) -> str:
+    names = f'{", ".join(map(str, rotors[:-1]))} or {rotors[-1]}'
+    what = {
+        'spin': 'turns the wrong way', 'position': 'has a wrong position',
+        'thrust': 'has a wrong thrust_coefficient or speed_max'}[kind]
+    return f'one of the rotors {names} {what}; each explains it equally well'
+
+
+def _shifts(layout: _Layout) -> Iterator[tuple[str, int, str, _Layout]]:
+    """Yield kind, rotor (0: none), words and layout of each change of the centre of mass."""
+    longest = float(np.linalg.norm(layout.places, axis=1).max())
+    centre = (layout.places.max(axis=0) + layout.places.min(axis=0)) / 2.0
+    shifts = {tuple(np.round(shift, 12)) for shift in (centre, layout.places.mean(axis=0))}
+    for shift in map(np.array, sorted(shifts)):
+        if np.linalg.norm(shift) > SHIFT_MIN * longest:
+            words = ' and '.join(
+                f'{100.0 * abs(value):.3g} cm {"behind" if i == 0 else "right of"}'
+                if value > 0.0 else
+                f'{100.0 * abs(value):.3g} cm {"in front of" if i == 0 else "left of"}'
+                for i, value in enumerate(shift.tolist()) if abs(value) > 0.01 * longest)
+            yield 'centre', 0, f"the centre of mass is {words} the rotors' centre", _Layout(
+                layout.places - shift, layout.axes, layout.spins, layout.thrusts)
+
+
+def _changes(layout: _Layout) -> Iterator[tuple[str, int, str, _Layout]]:
+    """Yield kind, rotor from 1 on, words and layout of each change of a rotor."""
+    longest = float(np.linalg.norm(layout.places, axis=1).max())
+    usual = float(np.median(layout.thrusts))
+    coordinates = np.unique(np.round(np.concatenate([layout.places, -layout.places]), 6), axis=0)
+    for i in range(len(layout.places)):
+        yield 'spin', i + 1, f'rotor {i + 1} turns the wrong way: flip its spin', layout.changed(
+            i, spins=-layout.spins[i])
+        ratio = layout.thrusts[i] / usual
+        if abs(ratio - 1.0) > SAME_THRUST:
+            text = f'rotor {i + 1} gives {ratio:.2g} times the thrust of the others'
+            yield 'thrust', i + 1, text, layout.changed(i, thrusts=usual)
+        x, y = layout.places[i].tolist()
+        others = [(value, y, 'x', x) for value in np.unique(coordinates[:, 0]).tolist()]
+        others += [(x, value, 'y', y) for value in np.unique(coordinates[:, 1]).tolist()]
+        for new_x, new_y, axis, old in others:
+            new = new_x if axis == 'x' else new_y
+            if abs(new - old) > SAME_PLACE * longest:
+                text = (
+                    f'rotor {i + 1}: {axis} is {old:.4g} m from the centre of mass, where '
+                    f'{new:.4g} m would fit the other rotors')
+                yield 'position', i + 1, text, layout.changed(i, places=np.array([new_x, new_y]))
+
+
+def _symmetries(layout: _Layout) -> int:
+    """Return how many reflections and rotations map the rotors to each other.
+
+    Rotors that all turn the same way have none: nothing would give them a yaw torque.
+    """
+    places, longest = layout.places, float(np.linalg.norm(layout.places, axis=1).max())
+    if not longest or np.ptp(layout.spins) == 0.0:
+        return 0
+    angles = np.arctan2(places[:, 1], places[:, 0])
+    far = np.linalg.norm(places, axis=1) > 0.1 * longest
+    # An axis of reflection halves the angle between a rotor and its image.
+    halves = (angles[far][:1, None] + angles[far][None, :]).ravel() / 2.0
+    turns = (angles[far][None, :] - angles[far][:1, None]).ravel()
+    found = set()
+    for reflects, given in ((True, halves), (False, turns)):
+        period = np.pi if reflects else 2.0 * np.pi
+        for angle in given.tolist():
+            whole = angle % period
+            if not reflects and min(whole, period - whole) < TURN_MIN:
+                continue
+            if _maps(layout, whole, reflects, longest):
+                found.add((reflects, round(whole / period * 720) % 720))
+    return len(found)
+
+
+def _maps(layout: _Layout, angle: float, reflects: bool, longest: float) -> bool:
+    """Return whether a reflection about a line at an angle, or a rotation, maps the rotors."""
+    c, s = (np.cos(2.0 * angle), np.sin(2.0 * angle)) if reflects else (
+        np.cos(angle), np.sin(angle))
+    matrix = np.array([[c, s], [s, -c]]) if reflects else np.array([[c, -s], [s, c]])
+    images, spins = layout.places @ matrix.T, -layout.spins if reflects else layout.spins
+    axes = np.column_stack([layout.axes[:, :2] @ matrix.T, layout.axes[:, 2]])
+    same = np.linalg.norm(images[:, None] - layout.places, axis=2) < SAME_PLACE * longest
+    same &= np.linalg.norm(axes[:, None] - layout.axes, axis=2) < SAME_AXIS
+    same &= spins[:, None] == layout.spins
+    ratio = layout.thrusts[:, None] / layout.thrusts
+    same &= np.abs(ratio - 1.0) < SAME_THRUST
+    # Places differ by more than the tolerance, so a rotor has one image but on coaxial arms.
+    return bool(same.any(axis=0).all() and same.any(axis=1).all())
