@@ -35,6 +35,14 @@ REMOVED = {
     'bridge.actuators': 'examples/motor_commands.py publishes actuator_msgs/Actuators',
     'command_order':
         'leave it out: wrenches are served in any order, and counted on /diagnostics',
+    'detector.certainty':
+        'leave it out: a rotor is named from a probability of 0.995 on',
+    'detector.false_alarms':
+        'leave it out: each rotor is compared with a disturbance, and the noise is learnt',
+    'detector.learning_time': 'leave it out: noise and disturbances are learnt over 2 s',
+    'detector.least_loss': 'leave it out: a rotor that is named has lost at least 40 %',
+    'detector.thrust_error': 'leave it out: it is 10 %',
+    'detector.time_error': 'leave it out: it is 10 ms',
     'publish_pwm':
         'give rotors.thrust_curve.pwm: command/pwm is then published to those who subscribe',
     'publish_throttle':

@@ -125,8 +125,8 @@ def of_detector(name: str) -> Iterator[tuple[str, Any]]:
             time = 10_000_000 * step
             detector.observe(time, *state)
             detector.command(time, command)
-            found.append(np.concatenate([detector.health, detector.certainty]))
-        yield f'detector, rotor {rotor + 1}: health, certainty', np.array(found)
+            found.append(detector.health)
+        yield f'detector, rotor {rotor + 1}: health', np.array(found)
 
 
 def everything() -> Iterator[tuple[str, Any]]:

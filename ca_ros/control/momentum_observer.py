@@ -124,7 +124,7 @@ class MomentumObserver:
         """Whether the vehicle stands."""
         return self.ground.standing
 
-    def observe(self, time: int, motion: Array) -> None:
+    def observe(self, time: int, motion: Array, impulse: Array | None = None) -> None:
         """Update the estimate with a new state.
 
         A time for the second time, or a little earlier than the last one, changes nothing.  After
@@ -134,6 +134,8 @@ class MomentumObserver:
         - `time`: [ns]
         - `motion` (6,): velocity in the world frame before angular velocity in the body frame
           [m/s, rad/s]
+        - `impulse` (3,): what an accelerometer says that the velocity has gained since the last
+          state, times the mass, in the world frame [N s]; by default the velocities say it
         """
         self.step = 0.0
         momentum = self._masses.dot(motion)
@@ -149,14 +151,17 @@ class MomentumObserver:
                 self.ground, self._flown = Standing(self._vehicle), 0.0
                 self.estimate = self._before = self._latest = np.zeros(6)
         elif continues:
-            self._update(step / 1e9, momentum, motion)
+            gained = momentum - self._momentum
+            if impulse is not None:
+                gained[:3] = impulse
+            self._update(step / 1e9, gained, motion)
         self.time, self._doubtful, self._momentum = time, None, momentum
         self._interrupted = False
 
-    def _update(self, step: float, momentum: Array, motion: Array) -> None:
+    def _update(self, step: float, gained: Array, motion: Array) -> None:
         stood = self.standing
         known = 0.0 if stood else step
-        lacked = momentum - self._momentum - known * (self._wrench + self.estimate)
+        lacked = gained - known * (self._wrench + self.estimate)
         if step and not all(map(le, abs(lacked).tolist(), self.jump_max)):
             return
         if self.ground.observe(step, motion, self._wrench) or stood:

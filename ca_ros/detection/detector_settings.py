@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from ca_ros.settings import Settings, setting
+from ca_ros.settings import Numbers, Settings, setting
+from ca_ros.vehicle.settings import XYZ
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,19 +20,6 @@ class DetectorSettings(Settings):
         maximum=1.0)
     servo_rate: float = setting(
         0.0, 'greatest rate of a tilt angle; 0: unlimited', unit='rad/s', minimum=0.0)
-    false_alarms: float = setting(
-        0.01, 'false alarms in an hour of flight, if all errors are Gaussian', unit='1/h',
-        positive=True, maximum=1000.0)
-    certainty: float = setting(
-        0.995, 'probability from which a rotor is named, against each other rotor', minimum=0.5,
-        maximum=0.999999)
-    least_loss: float = setting(
-        0.35, 'least share of its thrust that a rotor loses in a failure', minimum=0.1, maximum=0.9
-    )
-    thrust_error: float = setting(
-        0.1, 'relative error of the thrust of each rotor', minimum=0.0, maximum=1.0)
-    time_error: float = setting(
-        0.01, 'error of the lag and the delay', unit='s', minimum=0.0, maximum=1.0)
     velocity_noise: float = setting(
         0.03,
         'standard deviation of measured velocities, from which the detector begins to learn it',
@@ -40,5 +28,8 @@ class DetectorSettings(Settings):
         0.02,
         'standard deviation of measured angular velocities, from which the detector begins to '
         'learn it', unit='rad/s', positive=True)
-    learning_time: float = setting(
-        2.0, 'time over which noise and disturbances are learnt', unit='s', minimum=0.5)
+    specific_force_noise: float = setting(
+        0.3, 'standard deviation of the measured specific force, a third of which is the least '
+        'that the detector learns', unit='m/s^2', positive=True)
+    imu_position: Numbers = setting(
+        0.0, 'place of the accelerometer, x, y, z from the centre of mass', unit='m', sizes=XYZ)

@@ -8,13 +8,14 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.control.momentum_observer import GAP, RESTART, MomentumObserver
 from ca_ros.detection.detector_settings import DetectorSettings
-from ca_ros.detection.hypothesis_test import FailureTest, Finding
+from ca_ros.detection.hypothesis_test import LIMIT, Finding, HypothesisTest
 from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.detection.noise_estimator import UsualMotion
 from ca_ros.detection.speed_residual import SlowRotors
-from ca_ros.detection.windows import BLOCK, WINDOWS, Windows
+from ca_ros.detection.windows import Windows
 from ca_ros.problem.audit import audit
-from ca_ros.vehicle.state import STATE_MAX, rotation_matrix
+from ca_ros.vehicle.settings import triple
+from ca_ros.vehicle.state import STATE_MAX, cross, rotation_matrix
 from ca_ros.vehicle.validation import ABSURD
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
@@ -27,8 +28,10 @@ TOTAL = 0.9
 """Greatest loss of a rotor that is not lost when it is named: one that keeps less would be given
 commands so low that its health cannot be estimated further."""
 
-SUSPICION, PATIENCE = 12.0, 1.0
-"""Score from which the noise is not learnt, and for how long at most [s]."""
+CERTAIN = 0.995  # least probability of a failure that was named
+
+SUSPICION, PATIENCE = 6.0, 1.0
+"""Evidence from which the noise is not learnt, and for how long at most [s]."""
 
 TIME_MAX = 2**62
 """Times are less [ns], before and after zero, so that their differences have 64 bits."""
@@ -49,8 +52,8 @@ class FailureDetector:
 
     From each state and from the commands, the momentum observer gives the impulse that the sound
     rotors, the weight, the mean disturbance and the drag do not explain.  Every hundredth of a
-    second, `FailureTest` compares the sums over several windows of time with what each rotor
-    should have given; rotors that three tests in a row name have failed.
+    second, `HypothesisTest` compares the sums over several windows of time with what each rotor
+    should have given, and with disturbances; rotors that three tests in a row name have failed.
 
     While nothing is suspected, the mean disturbance, the drag and the noise are learnt.
 
@@ -73,13 +76,13 @@ class FailureDetector:
         self.vehicle = vehicle
         self._slow = SlowRotors(vehicle.n, s)
         self._rotors = CommandedRotors(vehicle, s)
-        self._observer = MomentumObserver(vehicle, 1.0 / s.learning_time)
-        tests = 3600.0 / BLOCK * len(WINDOWS)
-        self._find = FailureTest(self._rotors.wrenches, vehicle.servos, tests, s)
+        self._observer = MomentumObserver(vehicle, 0.0)
+        self._find = HypothesisTest(vehicle, self._rotors.wrenches)
         self._usual = UsualMotion(vehicle, s)
         noises = np.repeat([s.velocity_noise, s.angular_velocity_noise], 3)
         self._moving = (MOVING * noises).tolist()
         self._turn, self._motion = ONE, np.zeros(6)
+        self._imu, self._measured = triple(s.imu_position), False
         self.reset()
 
     @property
@@ -96,9 +99,10 @@ class FailureDetector:
         return np.where(self._stuck, 0.0, self._delivered)
 
     @property
-    def certainty(self) -> Array:
-        """Probability that each rotor has failed, now or before, (n,)."""
-        return np.where(self._found, self._found, self._probabilities)
+    def probabilities(self) -> Array:
+        """Probabilities (n + 1,): that each rotor has failed, now or before; of a disturbance."""
+        found = np.append(self._found, 0.0)
+        return np.where(found, found, self._probabilities)
 
     def reset(self) -> None:
         """Forget all failures, and what was learnt of the noise."""
@@ -136,10 +140,12 @@ class FailureDetector:
             'reverse_thrust': sound.reverse_thrust_per_squared_speed * curve.square,
             'health': vehicle.health,
             'time_constant': settings.motor_time_constant, 'delay': settings.delay,
-            'learning_time': settings.learning_time, 'thrust_error': settings.thrust_error,
-            'time_error': settings.time_error, 'least_loss': settings.least_loss,
-            'certainty': settings.certainty, 'limit': find.limit, 'odds': find.odds,
-            'lever': find.lever, 'noise': self._usual.noise, 'moving': self._moving,
+            'arms': vehicle.arms.T,
+            'partner': [-1 if each is None else each for each in find.partners],
+            'unit': find.unit, 'disturbance': find.disturbance,
+            'gravity': vehicle.mass * vehicle.gravity, 'imu': self._imu,
+            'lever': find.lever, 'force_noise': self._usual.force_noise,
+            'noise': self._usual.noise, 'moving': self._moving,
             'jump': self._observer.jump_max, 'balance': self._observer.ground.limits,
         }
         return {name: np.array(value, float) for name, value in numbers.items()}
@@ -189,7 +195,8 @@ class FailureDetector:
         return bool(failed)
 
     def observe(
-        self, time: int, attitude: Array, velocity: Array, angular_velocity: Array
+        self, time: int, attitude: Array, velocity: Array, angular_velocity: Array,
+        specific_force: Array | None = None,
     ) -> bool:
         """Take a state; return whether the health has changed.
 
@@ -197,8 +204,13 @@ class FailureDetector:
         - `attitude` (4,): quaternion x, y, z, w, body to world; its length counts for nothing, but
           is at least 1e-9
         - `velocity` and `angular_velocity` (3,): in the body frame, up to 1e9 [m/s, rad/s]
+        - `specific_force` (3,): what the accelerometer measures, in the body frame, in the mean
+          since the last state [m/s^2].  It then takes the place of the change of velocity
         """
         time, attitude = moment_of(time), np.asarray(attitude, float)
+        force = None if specific_force is None else np.asarray(specific_force, float)
+        if force is not None and not (force.shape == (3,) and (abs(force) <= STATE_MAX).all()):
+            raise ValueError(f'specific force {force}: expected three numbers up to 1e9')
         motion = np.concatenate([velocity, angular_velocity])
         numbers = attitude.tolist(), motion.tolist()
         sound = (len(attitude), len(motion)) == (4, 6) and hypot(*numbers[0]) >= 1.0 / STATE_MAX
@@ -210,18 +222,22 @@ class FailureDetector:
         turn = ONE.copy()
         turn[:3, :3] = rotation_matrix(attitude)
         observer, usual = self._observer, self._usual
-        last = observer.time
+        last, impulse = observer.time, None
+        self._measured = force is not None
         if last is not None and 0 < time - last < GAP:
             given = self._rotors.given(last, time)
             own = given[:, : self.vehicle.n]
             self._slow.expect(time, self._rotors.speeds)
             turned, mean = 0.5 * (self._turn + turn), 0.5 * (self._motion + motion)
-            wrench = own.dot(self._delivered) + usual.drag(mean)
+            drag = usual.drag(mean)
+            wrench = own.dot(self._delivered) + drag
             observer.expect(turned.dot(wrench), mean[3:])
             # What holds a vehicle that does not move may be the ground, which is not learnt.
             moving = any(map(gt, abs(mean).tolist(), self._moving))
             observer.gain = usual.gain if moving and not self._suspicious else 0.0
-        observer.observe(time, turn.dot(motion))
+            if force is not None:
+                impulse = self._impulse((time - last) / 1e9, turned, motion, mean[3:], force)
+        observer.observe(time, turn.dot(motion), impulse)
         if observer.time != time or last == time:
             return False
         if last is not None and time < last:
@@ -234,7 +250,24 @@ class FailureDetector:
             return False
         usual.fly(step, own)
         lacked = observer.lacked.dot(turned)
-        return self._windows.add(step, lacked, given) and self._test(time, moving, own)
+        lateral = (observer.estimate.dot(turned) + drag)[:2] / self.vehicle.n
+        added = self._windows.add(step, lacked, lateral, given)
+        return added and self._test(time, moving, own)
+
+    def _impulse(
+        self, step: float, turned: Array, motion: Array, omega: Array, force: Array
+    ) -> Array:
+        """Return the momentum (3,) that a step gained by the accelerometer [N s].
+
+        An accelerometer that is off the centre of mass also measures how the vehicle turns.
+        """
+        vehicle, place = self.vehicle, self._imu
+        change = cross((motion - self._motion)[3:], place)
+        centripetal = omega * omega.dot(place) - place * omega.dot(omega)
+        own = step * (force - centripetal) - change
+        gained = vehicle.mass * turned[:3, :3].dot(own)
+        gained[2] -= vehicle.mass * vehicle.gravity * step
+        return np.asarray(gained)
 
     @property
     def _suspicious(self) -> bool:
@@ -246,30 +279,31 @@ class FailureDetector:
         if usual.flown < 2.0 * block:
             windows.forget()
             return False
+        spread = usual.spread(windows.ages, self._measured)
         recent = list(self._refined)
         if recent:
             ages = {i: age + block for i, age in self._refined.items()}
             self._refined = {i: age for i, age in ages.items() if age < REFINED}
-        if not recent and max((windows.lacked**2 / usual.spread).dot(ALL).tolist()) <= SUSPICION:
-            # No score exceeds this sum.
+        if not recent and max((windows.lacked**2 / spread).dot(ALL).tolist()) <= 2.0 * SUSPICION:
+            # No evidence exceeds half of this sum.
             self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
             self._probabilities = NOBODY
-            self._learn(moving, given)
+            self._learn(spread, moving, given)
             return False
         impulses, changes = windows.rotors()
         own = slice(self.vehicle.n)
         errors = usual.model_errors(windows.ages, impulses[..., own], changes[..., own])
-        variance = usual.spread + errors
-        found = self._find(windows.lacked, impulses, variance, self.health)
-        if found.score > SUSPICION and not moving:
+        found = self._find(
+            windows.ages, windows.lacked, impulses, windows.lateral, spread + errors, self.health)
+        if found.greatest > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
             windows.forget()
             return False
         changed = self._refine(found, recent)
-        suspected = found.score > SUSPICION or recent
+        suspected = found.greatest > SUSPICION or recent
         self._waited = self._waited + block if suspected else 0.0
-        self.suspect = found.rotor if found.score > self._find.limit else None
-        self._learn(moving, given)
+        self.suspect = found.rotor if found.evidence[found.rotor] > LIMIT else None
+        self._learn(spread, moving, given)
         self._probabilities = found.probabilities
         repeated = bool(found.named) and found.named == self._named
         self._count = self._count + 1 if repeated else int(bool(found.named))
@@ -285,14 +319,14 @@ class FailureDetector:
         for rotor, share in zip(found.named, found.lost.tolist(), strict=True):
             if share * longer >= TOTAL * self.health[rotor]:
                 share = self.health[rotor]
-            self._found[rotor] = max(self.certainty[rotor], self.settings.certainty)
+            self._found[rotor] = max(self.probabilities[rotor], CERTAIN)
             if found.angle is None:
                 self._fail(rotor, share, time, 'motion')
             else:
                 self._stick(rotor, found.angle, time)
         return changed or not np.array_equal(self.health, before)
 
-    def _learn(self, moving: bool, given: Array) -> None:
+    def _learn(self, spread: Array, moving: bool, given: Array) -> None:
         """Learn what is usual, unless a failure is suspected."""
         if not self._usual.due(self._windows.block):
             return
@@ -300,7 +334,7 @@ class FailureDetector:
         if not self._suspicious:
             steady = self._observer.estimate.dot(self._turn)
             motion = 0.5 * (before + self._learnt) if moving else None
-            self._usual.learn(self._windows, motion, steady, given)
+            self._usual.learn(self._windows, spread, motion, steady, given)
 
     def _fail(self, rotor: int, share: float, time: int, evidence: str) -> None:
         self.since[rotor], self.evidence[rotor] = time, evidence
@@ -316,7 +350,8 @@ class FailureDetector:
             (rotor, 1.0), (first + planar.index(rotor), -cos(angle)),
             (first + len(planar) + planar.index(rotor), -sin(angle)),
         ):
-            self._windows.explain(column, share * self._delivered[rotor])
+            lost = share * self._delivered[rotor]
+            self._windows.explain(lost * self._windows.column(column))
         self._rotors.vehicle = self._rotors.vehicle.with_stuck_servo(rotor + 1, angle)
         without = np.where(np.arange(first) == rotor, 0.0, self.health)
         self._stuck[rotor] = audit(self.vehicle.with_health(without)).sound
@@ -326,7 +361,9 @@ class FailureDetector:
         whole = self.vehicle.health[rotor]
         left = min(max(self._delivered[rotor] - share, 0.0), whole)
         left = 0.0 if left < USELESS * whole else left
-        self._windows.explain(rotor, self._delivered[rotor] - left)
+        given, laterals = self._windows.column(rotor), self._windows.laterals
+        signature = given + self._find.drags(laterals)[:, :, rotor]
+        self._windows.explain((self._delivered[rotor] - left) * signature)
         self._delivered[rotor] = left
 
     def _refine(self, found: Finding, recent: list[int]) -> bool:

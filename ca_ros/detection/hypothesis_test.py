@@ -1,4 +1,4 @@
-"""The test for failures: which lost thrust, or servo that sticks, explains an impulse."""
+"""The test for failures: what explains an impulse: lost thrust, a stuck servo, a disturbance."""
 
 from dataclasses import dataclass
 from math import log
@@ -6,8 +6,8 @@ from math import log
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.vehicle.servos import Servos
+from ca_ros.vehicle.vehicle import Vehicle
 
 ANGLES = 101  # angles that are tested of each servo
 
@@ -18,14 +18,14 @@ class StuckServo:
 
     - `rotor`: its rotor
     - `angle`: the likeliest one [rad]
-    - `score`: see `Finding`
-    - `window`: in which it has this score
+    - `evidence`: see `Finding`
+    - `window`: in which it has this evidence
     - `share`: change of the rotor's force, over its thrust
     """
 
     rotor: int
     angle: float
-    score: float
+    evidence: float
     window: int
     share: float
 
@@ -33,14 +33,14 @@ class StuckServo:
 def stuck_servos(
     servos: Servos, lacked: Array, weights: Array, given: Array, health: Array
 ) -> tuple[Array, StuckServo]:
-    """Return the score for each rotor (n,), zero without a single servo, and the likeliest.
+    """Return the evidence for each rotor (n,), zero without a single servo, and the likeliest.
 
-    It is a generalized likelihood ratio test over servos, angles and windows of time.  A rotor
-    with a single servo that sticks at an angle a gives cos(a) p + sin(a) q, where p and q are its
-    impulses at the angle zero and after a quarter turn, instead of those at the commanded angles.
+    All angles within the bounds of a servo are as likely before.  A rotor with a single servo that
+    sticks at an angle a gives cos(a) p + sin(a) q, where p and q are its impulses at the angle
+    zero and after a quarter turn, instead of those at the commanded angles.
 
     - `servos`: with at least one rotor that has a single servo
-    - `lacked` (T, 6), `given` (T, 6, n + 2 s) and `health` (n,): as of `FailureTest`
+    - `lacked` (T, 6), `given` (T, 6, n + 2 s) and `health` (n,): as of `HypothesisTest`
     - `weights` (T, 6): one over the variance of what is lacked
     """
     n, rotors = len(health), servos.planar
@@ -59,34 +59,73 @@ def stuck_servos(
         + cosine**2 * product(p, p) + sine**2 * product(q, q)
         + 2.0 * cosine * sine * product(p, q)
     )
-    scores = seen - left
-    i, window, servo = np.unravel_index(scores.argmax(), scores.shape)
+    evidence = 0.5 * (seen - left) - log(ANGLES)
+    i, window, servo = np.unravel_index(evidence.argmax(), evidence.shape)
     angle = float(angles[i, servo])
     force = np.cos(angle) * p[window, :3, servo] + np.sin(angle) * q[window, :3, servo]
     moved = float(np.linalg.norm(force - own[window, :3, servo]))
     share = moved / max(float(np.linalg.norm(force)), 1e-12)
     best = np.zeros(n)
-    best[rotors] = scores.max(axis=(0, 1))
-    return best, StuckServo(rotors[servo], angle, float(scores.max()), int(window), share)
+    best[rotors] = np.maximum(evidence.max(axis=(0, 1)), 0.0)
+    return best, StuckServo(rotors[servo], angle, float(evidence.max()), int(window), share)
 
 
-EXPLAINED = 0.7  # least share of what is seen that a failure explains
-NEAR = 4.0  # windows whose score is this many standard deviations below the best are as likely
+LEAST_LOSS = 0.4  # least share of its thrust that a rotor loses in a failure
+THRUST_ERROR = 0.1  # relative standard deviation of the thrust of each rotor
+DRAG_ERROR = 0.5  # relative standard deviation of the drag of each rotor
 
+LIMIT = 20.0
+"""Evidence from which a rotor is named."""
+
+ODDS = 5.3
+"""Lead of the evidence over that of each other rotor: the odds of a probability of 0.995."""
+
+MARGIN = 4.0
+"""Lead of the evidence over that of a disturbance."""
+
+PRIOR = 6.25
+"""The share lost is taken as uniform from 0 to 1.  Its likelihood has an integral of
+sqrt(2 pi / information); 2 pi is rounded."""
+
+NEAR = 2.83  # windows with less evidence than the best by this times its root are as likely
+
+PAIRED = 0.1
+"""Share of the variance of what rotors give that counts for pairs, which differ by less."""
 
 LEVER = 0.6
 """Least lever of the wrench that two failing rotors take, over that of one rotor: one with a
 shorter lever may be a load, too."""
+
+COAXIAL = 0.1
+"""Two rotors are a coaxial pair if their forces per thrust, and their roll and pitch over the mean
+arm, differ by less."""
+
+SLACK = 0.1  # lever of the yaw of a disturbance, over the mean arm
+
+
+def partners(wrenches: Array, arm: float) -> list[int | None]:
+    """Return for each rotor the other one of its coaxial pair, if any.
+
+    - `wrenches` (6, n): force and torque per thrust of each rotor
+    - `arm`: mean distance of the rotors [m]
+    """
+    sizes = np.array([1.0, 1.0, 1.0, arm, arm])[:, None, None]
+    found: list[int | None] = []
+    away = np.linalg.norm((wrenches[:5, :, None] - wrenches[:5, None, :]) / sizes, axis=0)
+    np.fill_diagonal(away, np.inf)
+    for i, row in enumerate(away):
+        j = int(row.argmin())
+        found.append(j if row[j] < COAXIAL and away[j].argmin() == i else None)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
 class Finding:
     """What a test finds.
 
-    - `score`: twice the logarithm of the likelihood ratio of the likeliest rotor against no
-      failure
+    - `evidence` (n,): logarithm of the Bayes factor of the failure of each rotor against nothing
+    - `disturbance`: the same of a disturbance
     - `rotor`: the likeliest rotor
-    - `probabilities` (n,): that each rotor, and no other, has failed
     - `named`: rotors that have failed with the wanted certainty
     - `lost`: share of the thrust of a sound rotor that each has lost
     - `angle`: at which the servo of the named rotor sticks [rad]; None: the rotor has failed
@@ -95,9 +134,9 @@ class Finding:
       lost, which may be negative, and its standard deviation
     """
 
-    score: float
+    evidence: Array
+    disturbance: float
     rotor: int
-    probabilities: Array
     named: tuple[int, ...]
     lost: Array
     angle: float | None
@@ -105,113 +144,170 @@ class Finding:
     shares: Array
     errors: Array
 
+    @property
+    def greatest(self) -> float:
+        """The greatest evidence."""
+        return max(float(self.evidence.max()), self.disturbance)
 
-class FailureTest:
-    """A generalized likelihood ratio test over rotors and windows of time.
+    @property
+    def probabilities(self) -> Array:
+        """Probabilities (n + 1,): that each rotor has failed; and of a disturbance."""
+        each = np.append(self.evidence, self.disturbance)
+        likelihoods = np.exp(each - self.greatest)
+        return np.asarray(likelihoods / (np.exp(-self.greatest) + likelihoods.sum()))
 
-    For each window since when a rotor i may have failed there are an unexplained impulse c (6,)
-    and the impulse s_i (6,) of each sound rotor.  With the variance of c, the least-squares share
-    lost is theta_i = -(s_i, c) / (s_i, s_i), within [0, health_i], and the score is
-    theta_i (-2 (s_i, c) - theta_i (s_i, s_i)), the greatest of all windows (Willsky and Jones,
-    IEEE Trans. Automatic Control 21, 1976).  A rotor is named if its score is over the limit of
-    the false alarms, explains most of what is seen, and is over that of any other rotor by the
-    odds of the wanted certainty.  Servos that stick compete with the rotors: see `stuck_servos`.
-    If no single rotor explains what is seen, all pairs are tested whose loss cannot be a load.
 
+class HypothesisTest:
+    """Compares the failure of each rotor with a free disturbance, over windows of time.
+
+    In a window with the unexplained impulse c (6,) and its variance S (6,), the hypotheses are
+
+    - nothing: c ~ N(0, S);
+    - a disturbance, such as a push, a gust, a load or a foot on the ground: c ~ N(0, S + D), where
+      D is that of a force and a torque of a rotor's size in any direction;
+    - the loss of a share theta of rotor i: c ~ N(-theta s_i, S + theta^2 E_i).  s_i (6,) is what
+      the sound rotor gives, its thrust and its share of the drag, and E_i the variance of this.
+      theta is the likeliest one within [0, health_i], and its prior is uniform.
+
+    The evidence for each is the greatest logarithm of its Bayes factor against nothing in any
+    window (Kass and Raftery, Bayes factors, J. American Statistical Association 90, 1995).  A
+    rotor is named if its evidence is over `LIMIT`, leads that of each other rotor but for the
+    partner of a coaxial pair by `ODDS`, and that of the disturbance by `MARGIN`.  Servos that
+    stick compete with the rotors: see `stuck_servos`.  If no rotor is named, all pairs are tested
+    whose loss cannot be a load, in the window in which a disturbance is likeliest.
+
+    - `vehicle`
     - `wrenches` (6, n): force and torque per thrust of each rotor
-    - `servos`: of the rotors
-    - `tests`: tests in an hour
     """
 
-    def __init__(
-        self, wrenches: Array, servos: Servos, tests: float, settings: DetectorSettings
-    ) -> None:
-        # Here, as the import takes half a second, and only who detects failures needs it.
-        from scipy.special import chdtri
-
-        share = min(1.0, settings.false_alarms / (tests * wrenches.shape[1]))
-        self.limit = float(chdtri(1.0, share))
-        self.odds = 2.0 * log(settings.certainty / (1.0 - settings.certainty))
+    def __init__(self, vehicle: Vehicle, wrenches: Array) -> None:
+        arm = float(np.linalg.norm(vehicle.arms, axis=1).mean())
+        yaw = 2.0 * float(np.abs(wrenches[5]).mean())
+        levers = np.array([1.0, 1.0, 1.0, arm, arm, yaw])
+        self.unit = levers**2
+        levers[5] = np.hypot(yaw, SLACK * arm)
+        self.disturbance = (vehicle.weight / vehicle.n * levers) ** 2
         self.lever = LEVER * float(np.linalg.norm(wrenches[3:], axis=0).mean())
-        self._least_loss = settings.least_loss
-        self._servos = servos
+        self.partners = partners(wrenches, arm)
+        self._arms = vehicle.arms.T
+        self._servos = vehicle.servos
 
-    def __call__(self, lacked: Array, given: Array, variance: Array, health: Array) -> Finding:
+    def signatures(self, given: Array, lateral: Array) -> tuple[Array, Array]:
+        """Return what the sound rotors give in each window, and its variance, both (T, 6, n).
+
+        - `given` (T, 6, n): by their thrusts [N s, N m s]
+        - `lateral` (T, 2): share of a rotor in the drag along x and y [N s]
+        """
+        drag = self.drags(lateral)
+        thrusts = THRUST_ERROR**2 * (given[:, :3] ** 2).sum(axis=1)
+        error = thrusts[:, None, :] * self.unit[:, None] + DRAG_ERROR**2 * drag**2
+        return given + drag, error
+
+    def drags(self, lateral: Array) -> Array:
+        """Return what the drag of each rotor gives (T, 6, n) [N s, N m s]; see `signatures`."""
+        arms, (x, y) = self._arms, lateral.T[:, :, None]
+        rows = [x, y, 0.0 * x, -arms[2] * y, arms[2] * x, arms[0] * y - arms[1] * x]
+        shape = len(lateral), arms.shape[1]
+        return np.stack([np.broadcast_to(row, shape) for row in rows], axis=1)
+
+    def __call__(
+        self, ages: Array, lacked: Array, given: Array, lateral: Array, variance: Array,
+        health: Array,
+    ) -> Finding:
         """Test windows.
 
+        - `ages` (T,): their lengths [s]
         - `lacked` and `variance` (T, 6): the unexplained impulse of each window, and its variance
         - `given` (T, 6, n + 2 s): the impulses of the rotors, see `CommandedRotors.given`
+        - `lateral` (T, 2): see `signatures`
         - `health` (n,)
         """
-        weights, everything, given = 1.0 / variance, given, given[:, :, : len(health)]
-        products = -np.einsum('tk,tki->ti', weights * lacked, given)
-        squares = np.einsum('tk,tki->ti', weights, given**2) + 1e-12
-        raw = products / squares
-        shares = np.minimum(np.maximum(raw, 0.0), health)
-        scores = shares * (2.0 * products - shares * squares)
-        best = scores.max(axis=0)
-        rotor = int(best.argmax())
-        score, window = float(best[rotor]), int(scores[:, rotor].argmax())
-        stuck = None
+        n, everything = len(health), given
+        given, error = self.signatures(given[:, :, :n], lateral)
+        squares = lacked**2
+        disturbed = variance + ages[:, None] ** 2 * self.disturbance
+        seen = (squares / variance).sum(axis=1)
+        disturbances = 0.5 * (
+            seen - (squares / disturbed).sum(axis=1) - np.log((disturbed / variance).prod(axis=1)))
+        likeliest = int(disturbances.argmax())
+        disturbance = max(float(disturbances[likeliest]), 0.0)
+
+        def products(weights: Array) -> tuple[Array, Array]:
+            return (
+                -np.einsum('tki,tk,tki->ti', weights, lacked, given),
+                np.einsum('tki,tki->ti', weights, given**2) + 1e-12)
+
+        product, norm = products(np.broadcast_to(1.0 / variance[:, :, None], given.shape))
+        raw, errors = product / norm, norm**-0.5
+        first = np.minimum(np.maximum(raw, 0.0), health)
+        wider = variance[:, :, None] + first[:, None, :] ** 2 * error
+        product, norm = products(1.0 / wider)
+        shares = np.minimum(np.maximum(product / norm, 0.0), health)
+        rest = (squares[:, :, None] / wider).sum(axis=1)
+        ratios = (wider / variance[:, :, None]).prod(axis=1) * np.maximum(1.0, norm / PRIOR)
+        explained = seen[:, None] - rest + shares * (2.0 * product - shares * norm)
+        each = np.where(first > 0.0, 0.5 * (explained - np.log(ratios)), 0.0)
+        shares = np.where(first > 0.0, shares, 0.0)
+        evidence = np.maximum(each.max(axis=0), 0.0)
+        rotor = int(evidence.argmax())
+        best, window, stuck = float(evidence[rotor]), likeliest, None
         if self._servos.planar:
-            of_servos, stuck = stuck_servos(self._servos, lacked, weights, everything, health)
-            best = np.maximum(best, of_servos)
-            seen = float(weights[stuck.window] @ lacked[stuck.window] ** 2)
-            if stuck.score > max(score, EXPLAINED * seen):
-                rotor, score, window = stuck.rotor, stuck.score, stuck.window
-            else:
-                stuck = None
-        top = max(self.limit, score)
-        likelihoods = np.exp(0.5 * (best - top))
-        none = np.exp(0.5 * (self.limit - top))
+            of_servos, servo = stuck_servos(
+                self._servos, lacked, 1.0 / variance, everything, health)
+            evidence = np.maximum(evidence, of_servos)
+            if servo.evidence > best:
+                rotor, best, window, stuck = servo.rotor, servo.evidence, servo.window, servo
+        rivals = evidence.copy()
+        rivals[rotor] = 0.0
+        if (partner := self.partners[rotor]) is not None:
+            rivals[partner] = 0.0
         named: tuple[int, ...] = ()
         lost, angle = np.zeros(0), None
-        if score > self.limit:
-            seen = float(weights[window] @ lacked[window] ** 2)
-            rivals = best.copy()
-            rivals[rotor] = self.limit
-            leads = score - rivals.max() > self.odds
+        leads = best - rivals.max() > ODDS
+        if best > LIMIT and best - disturbance > MARGIN:
             if stuck is not None:
-                if leads and stuck.share >= self._least_loss:
+                if leads and stuck.share >= LEAST_LOSS:
                     named, lost, angle = (rotor,), health[[rotor]], stuck.angle
-            elif score > EXPLAINED * seen:
-                likely = scores[:, rotor] >= score - NEAR * score**0.5
+            else:
+                likely = each[:, rotor] >= best - NEAR * best**0.5
                 window = int(np.where(likely, shares[:, rotor], -1.0).argmax())
                 share = shares[window, rotor]
-                if leads and share >= self._least_loss * health[rotor]:
+                if leads and share >= LEAST_LOSS * health[rotor]:
                     named, lost = (rotor,), np.array([share])
-            else:
-                named, lost = self._pair(
-                    products[window], squares[window], weights[window], given[window], seen, health
-                )
+        elif disturbance > LIMIT:
+            named, lost = self._pair(
+                lacked[likeliest], variance[likeliest], given[likeliest], error[likeliest], health,
+                max(best + ODDS, disturbance + MARGIN))
         return Finding(
-            score, rotor, likelihoods / (none + likelihoods.sum()), named, lost, angle, window,
-            raw[-1], squares[-1] ** -0.5,
-        )
+            evidence, disturbance, rotor, named, lost, angle, window, raw[-1], errors[-1])
 
     def _pair(
-        self, products: Array, squares: Array, weights: Array, given: Array, seen: float,
-        health: Array,
+        self, lacked: Array, variance: Array, given: Array, error: Array, health: Array,
+        bound: float,
     ) -> tuple[tuple[int, ...], Array]:
         """Return the two rotors whose failures explain a window, and what they lost, if any."""
-        mixed = (given.T * weights) @ given
-        determinant = np.outer(squares, squares) - mixed**2
+        wider = variance[:, None, None] + PAIRED * (error[:, :, None] + error[:, None, :])
+        product = -np.einsum('ki,k,kij->ij', given, lacked, 1.0 / wider)
+        norm = np.einsum('ki,kij->ij', given**2, 1.0 / wider)
+        mixed = np.einsum('ki,kj,kij->ij', given, given, 1.0 / wider)
+        rest = np.einsum('k,kij->ij', lacked**2, 1.0 / variance[:, None, None] - 1.0 / wider)
+        determinant = norm * norm.T - mixed**2
         # Rotors with parallel wrenches cannot be told apart.
-        apart = determinant > 1e-6 * np.outer(squares, squares)
-        first = squares[None, :] * products[:, None] - mixed * products[None, :]
-        first = np.where(apart, first, 0.0) / np.where(apart, determinant, 1.0)
-        lost = first >= self._least_loss * np.maximum(health, 1e-9)[:, None]
+        apart = determinant > 1e-6 * norm * norm.T
+        first = np.where(apart, norm.T * product - mixed * product.T, 0.0)
+        first = first / np.where(apart, determinant, 1.0)
+        lost = first >= LEAST_LOSS * np.maximum(health, 1e-9)[:, None]
         possible = lost & lost.T & (first <= 1.3 * health[:, None])
-        scores = first * products[:, None]
-        scores = np.where(possible & possible.T, scores + scores.T, 0.0)
-        upper = np.triu(scores, 1)
+        taken = first * product
+        prior = np.maximum(1.0, norm / PRIOR)
+        ratio = (wider / variance[:, None, None]).prod(axis=0) * prior * prior.T
+        scores = 0.5 * (rest + taken + taken.T - np.log(ratio))
+        upper = np.triu(np.where(possible & possible.T, scores, 0.0), 1)
         i, j = (int(k) for k in np.unravel_index(upper.argmax(), upper.shape))
         score, upper[i, j] = upper[i, j], 0.0
-        rival = max(float(upper.max()), self.limit)
-        if score - rival <= self.odds or score <= EXPLAINED * seen:
+        if score <= max(LIMIT, bound) or score - float(upper.max()) <= ODDS:
             return (), np.zeros(0)
-        taken = given[:, [i, j]] @ [first[i, j], first[j, i]]
-        force, torque = taken.reshape(2, 3)
+        force, torque = (given[:, [i, j]] @ [first[i, j], first[j, i]]).reshape(2, 3)
         if np.linalg.norm(torque) < self.lever * np.linalg.norm(force):
             return (), np.zeros(0)
         return (i, j), np.minimum([first[i, j], first[j, i]], health[[i, j]])

@@ -47,11 +47,11 @@ class KernelDetector:
         return health
 
     @property
-    def certainty(self) -> Array:
-        """Probability that each rotor has failed, (n,)."""
-        certainty = np.empty(self.vehicle.n)
-        self._kernel.certainty(certainty)
-        return certainty
+    def probabilities(self) -> Array:
+        """Probabilities (n + 1,): that each rotor has failed, now or before; of a disturbance."""
+        probabilities = np.empty(self.vehicle.n + 1)
+        self._kernel.probabilities(probabilities)
+        return probabilities
 
     @property
     def since(self) -> list[int | None]:

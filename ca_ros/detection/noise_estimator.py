@@ -6,10 +6,13 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.detection.detector_settings import DetectorSettings
-from ca_ros.detection.windows import WINDOWS, Windows
+from ca_ros.detection.hypothesis_test import THRUST_ERROR
+from ca_ros.detection.windows import BLOCK, WINDOWS, Windows
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 FLOOR = 0.3  # least noise over that of the settings
+LEARNING = 2.0  # time over which noise and disturbances are learnt [s]
+TIME_ERROR = 0.01  # standard deviation of the lag and the delay [s]
 LEARNT = 0.95  # time after which it learns again, over the shortest window
 
 
@@ -19,21 +22,21 @@ class UsualMotion:
     It learns once in the time of the shortest window.
 
     - `noise` (6,): variance of an impulse by the noise of the settings
-    - `spread` (T, 6): variance of what windows lack, by noise
     - `flown`: time since the flight began [s]
     """
 
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings) -> None:
-        self._settings, self._n = settings, vehicle.n
+        self._n = vehicle.n
         inertia, s = np.diag(inertia_of(vehicle)), settings
         force = np.full(3, vehicle.mass * s.velocity_noise)
+        self.force_noise = BLOCK * (vehicle.mass * s.specific_force_noise) ** 2
         self.noise = 2.0 * np.concatenate([force, inertia * s.angular_velocity_noise]) ** 2
         self.reset()
         self.begin()
 
     def reset(self) -> None:
         """Forget the drag and the noise."""
-        self.spread = np.tile(self.noise, (len(WINDOWS), 1))
+        self._spread = np.tile(self.noise, (len(WINDOWS), 1))
         self._drag = np.zeros(6)
         self._means, self._products = np.zeros((2, 6)), np.zeros((2, 6))
 
@@ -44,7 +47,17 @@ class UsualMotion:
     @property
     def gain(self) -> float:
         """The rate of learning [1/s]: greater in the beginning of a flight."""
-        return 1.0 / min(self._settings.learning_time, self.flown + 0.05)
+        return 1.0 / min(LEARNING, self.flown + 0.05)
+
+    def spread(self, ages: Array, measured: bool) -> Array:
+        """Return the variance (T, 6) of what windows of some ages (T,) lack, by noise.
+
+        `measured`: whether the force is that of an accelerometer.
+        """
+        least = np.tile(self.noise, (len(ages), 1))
+        if measured:
+            least[:, :3] = self.force_noise * ages[:, None]
+        return np.asarray(np.maximum(self._spread, FLOOR**2 * least))
 
     def drag(self, motion: Array) -> Array:
         """Return the drag (6,) [N, N m] of a motion (6,), beyond that of the mean motion."""
@@ -65,10 +78,11 @@ class UsualMotion:
         return True
 
     def learn(
-        self, windows: Windows, motion: Array | None, steady: Array, given: Array
+        self, windows: Windows, spread: Array, motion: Array | None, steady: Array, given: Array
     ) -> None:
         """Learn from windows that end now and show no failure.
 
+        - `spread` (T, 6): the variance of what they lack
         - `motion` (6,): the mean of those at both ends of the shortest window, so that their noise
           cancels in the drag.  None if the vehicle does not move: what holds it may be the ground,
           and only the noise is learnt
@@ -77,13 +91,12 @@ class UsualMotion:
         """
         age = windows.ages[0]
         share = -expm1(-age * self.gain)
-        squares = np.minimum(windows.lacked**2, 9.0 * self.spread)
-        spread = self.spread + share * (squares - self.spread)
-        self.spread = np.maximum(spread, FLOOR**2 * self.noise)
+        squares = np.minimum(windows.lacked**2, 9.0 * spread)
+        self._spread = self._spread + share * (squares - self._spread)
         if motion is not None:
             self._given = self._given + share * (given - self._given)
             lacked = windows.lacked[0] / age + steady + self.drag(motion)
-            share = -expm1(-age / min(2.5 * self._settings.learning_time, self.flown))
+            share = -expm1(-age / min(2.5 * LEARNING, self.flown))
             moved = np.array([lacked, motion]) - self._means
             self._means = self._means + share * moved
             self._products = self._products + share * (moved * moved[1] - self._products)
@@ -94,7 +107,6 @@ class UsualMotion:
 
         `ages`, `given` and `change`: see `Windows`.
         """
-        s = self._settings
         unusual = given - ages[:, None, None] * self._given
-        error = (s.thrust_error * unusual) ** 2 + (s.time_error * change) ** 2
+        error = (THRUST_ERROR * unusual) ** 2 + (TIME_ERROR * change) ** 2
         return np.asarray(error.sum(axis=2))

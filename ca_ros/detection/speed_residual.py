@@ -4,6 +4,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.hypothesis_test import LEAST_LOSS
 
 CONFIRMATIONS = 3
 """Measurements in a row in which a rotor is too slow before it has failed."""
@@ -36,7 +37,7 @@ class SlowRotors:
     """
 
     def __init__(self, n: int, settings: DetectorSettings) -> None:
-        self._share, self._n = (1.0 - settings.least_loss) ** 0.5, n
+        self._share, self._n = (1.0 - LEAST_LOSS) ** 0.5, n
         self._oldest = oldest_measurement(settings)
         self._commanded: int | None = None
         self._interval = 0

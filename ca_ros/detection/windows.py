@@ -7,7 +7,7 @@ from ca_ros.arrays import Array
 BLOCK = 0.0095  # least length of a block [s]
 LENGTH = 34  # blocks that are kept: of this length or longer they cover the longest window
 ROOM = 8 * LENGTH  # rows, of which those that are kept move on
-ROTORS = 7  # first column of what rotors give
+ROTORS = 9  # first column of what rotors give
 WINDOWS = np.array([0.04, 0.06, 0.08, 0.12, 0.16, 0.24, 0.32])  # lengths [s]
 
 
@@ -19,24 +19,27 @@ class Windows:
     - `block`: length of the last block [s]
     - `ages` (T,): length of each window [s]
     - `lacked` (T, 6): the unexplained impulse [N s, N m s]
+    - `lateral` (T, 2): impulse of a rotor's share in the drag along x and y [N s]
     """
 
     def __init__(self, n: int) -> None:
         self.block, self._usual, self._last = 0.0, np.inf, np.zeros((6, n))
-        # A row a block, the newest first: length, lacked, given, change.
+        # A row a block, the newest first: length, lacked, lateral, given, change.
         self._all, self._newest = np.zeros((ROOM, ROTORS + 12 * n)), ROOM - LENGTH
         self._rows, self._row = self._all[self._newest :], np.zeros(ROTORS + 12 * n)
-        self._lacked = self._row[1:ROTORS]
+        self._lacked, self._lateral = self._row[1:7], self._row[7:ROTORS]
         self._given, self._change = self._row[ROTORS:].reshape(2, 6, n)
 
-    def add(self, step: float, lacked: Array, given: Array) -> bool:
+    def add(self, step: float, lacked: Array, lateral: Array, given: Array) -> bool:
         """Take a step [s]; return whether it ends a block.
 
         - `lacked` (6,): the unexplained impulse [N s, N m s]
+        - `lateral` (2,): a rotor's share in the drag along x and y [N]
         - `given` (6, n): what the rotors gave [N, N m]
         """
         self._row[0] += step
         self._lacked += lacked
+        self._lateral += step * lateral
         self._given += step * given
         if self._row[0] < BLOCK:
             return False
@@ -56,7 +59,7 @@ class Windows:
             self._blocks = np.clip(np.rint(WINDOWS / self.block).astype(int), 1, LENGTH)
             self._of = (np.arange(LENGTH) < self._blocks[:, None]).astype(float)
         sums = self._of.dot(self._rows[:, :ROTORS])
-        self.ages, self.lacked = sums[:, 0], sums[:, 1:]
+        self.ages, self.lacked, self.lateral = sums[:, 0], sums[:, 1:7], sums[:, 7:]
         return True
 
     def rotors(self) -> tuple[Array, Array]:
@@ -72,7 +75,16 @@ class Windows:
         kept = 0 if before is None else self._blocks[before]
         self._rows[kept:] = self._row[:] = 0.0
 
-    def explain(self, column: int, share: float) -> None:
-        """Explain what is lacked by the lost share of a column of what rotors gave."""
+    def column(self, column: int) -> Array:
+        """Return what a column of rotors gave in each block (L, 6) [N s, N m s]."""
         n = self._given.shape[1]
-        self._rows[:, 1:7] += share * self._rows[:, ROTORS + column : ROTORS + 6 * n : n]
+        return self._rows[:, ROTORS + column : ROTORS + 6 * n : n]
+
+    @property
+    def laterals(self) -> Array:
+        """The impulse of a rotor's share in the drag in each block (L, 2) [N s]."""
+        return self._rows[:, 7:ROTORS]
+
+    def explain(self, given: Array) -> None:
+        """Explain what is lacked in each block (L, 6) by what was not given [N s, N m s]."""
+        self._rows[:, 1:7] += given

@@ -17,6 +17,7 @@ from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 STEP = 0.01  # between two states of the golden flight [s]
+FORCE_NOISE = 0.1  # of the accelerometer [m/s^2]
 STATES, FAILURE = 90, 70  # states of the golden flight, and the first after the failure of rotor 1
 
 
@@ -58,14 +59,16 @@ def golden_flight(detector: FailureDetector, precision: str) -> list[tuple[Array
     ]) * thrusts[0]
     noise = np.repeat([0.01, 0.005], 3)
     motion = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    at_rest = np.array([0.0, 0.0, vehicle.gravity])
     flight: list[tuple[Array, ...]] = []
     for i in range(STATES):
         motion = motion - (i >= FAILURE) * STEP * lost
-        state = np.concatenate([[0.0, 0.0, 0.0, 1.0], motion + noise * rng.standard_normal(6)])
+        force = at_rest - (i >= FAILURE) * lost[:3] + FORCE_NOISE * rng.standard_normal(3)
+        state = np.concatenate(
+            [[0.0, 0.0, 0.0, 1.0], motion + noise * rng.standard_normal(6), force])
         state, command = state.astype(dtype), speeds.astype(dtype)
-        row = [array.astype(float) for array in (state[:4], state[4:7], state[7:], command)]
         time = i * round(1e9 * STEP)
-        answers.observe(time, *row[:3])
-        answers.command(time, row[3])
-        flight.append((state, command, answers.health, answers.certainty))
+        answers.observe(time, *np.split(state.astype(float), [4, 7, 10]))
+        answers.command(time, command.astype(float))
+        flight.append((state, command, answers.health, answers.probabilities))
     return flight

@@ -11,12 +11,23 @@
 #define REFINED CA_REAL(0.5)
 #define USELESS CA_REAL(0.2)
 #define TOTAL CA_REAL(0.9)
-#define SUSPICION CA_REAL(12.0)
+#define CERTAIN CA_REAL(0.995)
+#define SUSPICION CA_REAL(6.0)
 #define PATIENCE CA_REAL(1.0)
 #define FLOOR CA_REAL(0.09)
+#define OUTLIER CA_REAL(9.0)
 #define LEARNT CA_REAL(0.95)
-#define EXPLAINED CA_REAL(0.7)
-#define NEAR CA_REAL(4.0)
+#define LEAST_LOSS CA_REAL(0.4)
+#define THRUST_ERROR CA_REAL(0.1)
+#define TIME_ERROR CA_REAL(0.01)
+#define DRAG_ERROR CA_REAL(0.5)
+#define LIMIT CA_REAL(20.0)
+#define ODDS CA_REAL(5.3)
+#define MARGIN CA_REAL(4.0)
+#define PRIOR CA_REAL(6.25)
+#define PAIRED CA_REAL(0.1)
+#define NEAR CA_REAL(2.83)
+#define LEARNING CA_REAL(2.0)
 #define RESTART INT64_C(2000000000)
 #define GAP INT64_C(500000000)
 #define MOST 2
@@ -26,7 +37,6 @@
 #define MOTION CA_REAL(0.05)
 #define AVERAGING CA_REAL(0.2)
 #define REST CA_REAL(0.5)
-#define STATE_MAX CA_REAL(1e9)
 
 static const ca_real WINDOWS[CA_WINDOWS] = {
     CA_REAL(0.04), CA_REAL(0.06), CA_REAL(0.08), CA_REAL(0.12),
@@ -210,7 +220,7 @@ static int stands(ca_detector *detector, ca_real step, const ca_real *motion)
 }
 
 /* Update the estimate after a step; return whether what the step lacks counts. */
-static int update(ca_detector *detector, ca_real step, const ca_real *momentum,
+static int update(ca_detector *detector, ca_real step, const ca_real *gained,
                   const ca_real *motion, ca_real gain)
 {
     const int stood = detector->standing;
@@ -218,8 +228,7 @@ static int update(ca_detector *detector, ca_real step, const ca_real *momentum,
     ca_real lacked[6];
     int jumped = 0;
     for (int k = 0; k < 6; k++) {
-        lacked[k] = momentum[k] - detector->momentum[k] -
-                    known * (detector->wrench[k] + detector->estimate[k]);
+        lacked[k] = gained[k] - known * (detector->wrench[k] + detector->estimate[k]);
         jumped |= !ca_is_finite(&lacked[k]) || ca_abs(lacked[k]) > detector->model->jump[k];
     }
     if (step > 0 && jumped)
@@ -273,40 +282,71 @@ static int ignores(ca_detector *detector, int64_t time)
 /* The test. */
 
 typedef struct {
-    ca_real score;
-    int rotor, window, names, named[2];
-    ca_real lost[2], shares[CA_N], errors[CA_N], probabilities[CA_N];
+    ca_real evidence[CA_N];                /* for the loss of each rotor, of its best window */
+    ca_real disturbance;                   /* the same for a disturbance */
+    int rotor, window, names, named[2];    /* the likeliest rotor, and what is named */
+    ca_real lost[2];
+    ca_real shares[CA_N], errors[CA_N];    /* lost by each rotor alone in the longest window */
 } finding;
 
+/* What a sound rotor gives in a window, and the variance of this: its thrust is known to a tenth,
+ * its share of the drag to a half. */
+static void signature_of(const ca_detector_model *model, const ca_block *window, int rotor,
+                         ca_real *given, ca_real *error)
+{
+    const ca_real thrust = window->given[rotor], relative = THRUST_ERROR * thrust;
+    const ca_real x = window->lateral[0], y = window->lateral[1];
+    const ca_real drag[6] = {x,
+                             y,
+                             0,
+                             -model->arms[2][rotor] * y,
+                             model->arms[2][rotor] * x,
+                             model->arms[0][rotor] * y - model->arms[1][rotor] * x};
+    for (int k = 0; k < 6; k++) {
+        given[k] = thrust * model->wrenches[k][rotor] + drag[k];
+        error[k] = relative * relative * model->unit[k] +
+                   DRAG_ERROR * DRAG_ERROR * (drag[k] * drag[k]);
+    }
+}
+
 /* Find two rotors whose failures explain a window. */
-static void find_pair(const ca_detector *detector, const ca_block *window, const ca_real *weights,
-                      const ca_real *products, const ca_real *squares, ca_real seen,
-                      finding *found)
+static void find_pair(const ca_detector *detector, const ca_block *window,
+                      const ca_real *variance, ca_real bound, finding *found)
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
-    ca_real best = 0, rival = 0, lost[2] = {0, 0}, taken[6], levels[2];
+    ca_real given[CA_N][6], errors[CA_N][6], best = 0, rival = 0, lost[2] = {0, 0}, taken[6];
     int pair[2] = {0, 0};
     for (int i = 0; i < n; i++)
+        signature_of(model, window, i, given[i], errors[i]);
+    for (int i = 0; i < n; i++)
         for (int j = i + 1; j < n; j++) {
-            ca_real mixed = 0;
-            for (int k = 0; k < 6; k++)
-                mixed += weights[k] * model->wrenches[k][i] * model->wrenches[k][j];
-            mixed *= window->given[i] * window->given[j];
-            const ca_real product = squares[i] * squares[j];
-            const ca_real determinant = product - mixed * mixed;
+            const ca_real levels[2] = {detector->health[i], detector->health[j]};
+            ca_real a = 0, b = 0, ab = 0, aa = 0, bb = 0, rest = 0, ratio = 1;
+            for (int k = 0; k < 6; k++) {
+                const ca_real v = variance[k] + PAIRED * (errors[i][k] + errors[j][k]);
+                const ca_real c = window->impulse[k], inverse = 1 / v;
+                a -= given[i][k] * c * inverse;
+                b -= given[j][k] * c * inverse;
+                aa += given[i][k] * given[i][k] * inverse;
+                bb += given[j][k] * given[j][k] * inverse;
+                ab += given[i][k] * given[j][k] * inverse;
+                rest += c * c * (1 / variance[k] - inverse);
+                ratio *= v / variance[k];
+            }
             /* Rotors with parallel wrenches cannot be told apart. */
-            if (!(determinant > CA_REAL(1e-6) * product))
+            const ca_real determinant = aa * bb - ab * ab;
+            if (!(determinant > CA_REAL(1e-6) * (aa * bb)))
                 continue;
-            const ca_real one = (squares[j] * products[i] - mixed * products[j]) / determinant;
-            const ca_real other = (squares[i] * products[j] - mixed * products[i]) / determinant;
-            levels[0] = detector->health[i];
-            levels[1] = detector->health[j];
-            if (!(one >= model->least_loss * ca_max(levels[0], CA_REAL(1e-9)) &&
-                  other >= model->least_loss * ca_max(levels[1], CA_REAL(1e-9)) &&
+            const ca_real one = (bb * a - ab * b) / determinant;
+            const ca_real other = (aa * b - ab * a) / determinant;
+            if (!(one >= LEAST_LOSS * ca_max(levels[0], CA_REAL(1e-9)) &&
+                  other >= LEAST_LOSS * ca_max(levels[1], CA_REAL(1e-9)) &&
                   one <= CA_REAL(1.3) * levels[0] && other <= CA_REAL(1.3) * levels[1]))
                 continue;
-            const ca_real score = one * products[i] + other * products[j];
+            const ca_real prior = ca_max(1, aa / PRIOR) * ca_max(1, bb / PRIOR);
+            const ca_real score =
+                CA_REAL(0.5) * (rest + one * a + other * b - ca_log(ratio * prior));
             if (score > best) {
                 rival = best;
                 best = score;
@@ -318,11 +358,10 @@ static void find_pair(const ca_detector *detector, const ca_block *window, const
                 rival = ca_max(rival, score);
             }
         }
-    if (best - ca_max(rival, model->limit) <= model->odds || best <= EXPLAINED * seen)
+    if (best <= LIMIT || best - rival <= ODDS || best <= bound)
         return;
     for (int k = 0; k < 6; k++)
-        taken[k] = model->wrenches[k][pair[0]] * window->given[pair[0]] * lost[0] +
-                   model->wrenches[k][pair[1]] * window->given[pair[1]] * lost[1];
+        taken[k] = given[pair[0]][k] * lost[0] + given[pair[1]][k] * lost[1];
     if (ca_length(3, taken + 3) < model->lever * ca_length(3, taken))
         return;
     found->names = 2;
@@ -332,75 +371,94 @@ static void find_pair(const ca_detector *detector, const ca_block *window, const
     }
 }
 
-/* Test all windows against the failure of each rotor. */
+/* The other rotor of a coaxial pair, or -1. */
+static int partner_of(const ca_detector_model *model, int rotor)
+{
+    return (int)model->partner[rotor];
+}
+
+/* Test all windows against the failure of each rotor, and against a disturbance. */
 static void test(const ca_detector *detector, const ca_block *windows,
                  const ca_real variance[CA_WINDOWS][6], finding *found)
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
-    ca_real products[CA_WINDOWS][CA_N], squares[CA_WINDOWS][CA_N];
-    ca_real shares[CA_WINDOWS][CA_N], scores[CA_WINDOWS][CA_N], best[CA_N] = {0};
-    ca_real weights[6];
-    for (int t = 0; t < CA_WINDOWS; t++)
-        for (int i = 0; i < n; i++) {
-            const ca_real given = windows[t].given[i];
-            ca_real product = 0, square = 0;
-            for (int k = 0; k < 6; k++) {
-                const ca_real weighted = model->wrenches[k][i] / variance[t][k];
-                product -= weighted * windows[t].impulse[k];
-                square += weighted * model->wrenches[k][i];
-            }
-            product *= given;
-            square = square * (given * given) + CA_REAL(1e-12);
-            const ca_real raw = product / square;
-            const ca_real share = ca_clip(raw, 0, detector->health[i]);
-            products[t][i] = product;
-            squares[t][i] = square;
-            shares[t][i] = share;
-            scores[t][i] = share * (2 * product - share * square);
-            best[i] = ca_max(best[i], scores[t][i]);
-            found->shares[i] = raw;
-            found->errors[i] = 1 / ca_sqrt(square);
-        }
-    int rotor = 0, window = 0;
-    for (int i = 1; i < n; i++)
-        rotor = best[i] > best[rotor] ? i : rotor;
-    for (int t = 1; t < CA_WINDOWS; t++)
-        window = scores[t][rotor] > scores[window][rotor] ? t : window;
-    const ca_real score = best[rotor], top = ca_max(model->limit, score);
-    ca_real total = 1 - settled(CA_REAL(0.5) * (top - model->limit));
-    for (int i = 0; i < n; i++) {
-        found->probabilities[i] = 1 - settled(CA_REAL(0.5) * (top - best[i]));
-        total += found->probabilities[i];
-    }
+    ca_real evidence[CA_WINDOWS][CA_N], shares[CA_WINDOWS][CA_N];
+    int likeliest = 0;
     for (int i = 0; i < n; i++)
-        found->probabilities[i] /= total;
-    found->score = score;
+        found->evidence[i] = 0;
+    found->disturbance = 0;
+    for (int t = 0; t < CA_WINDOWS; t++) {
+        const ca_real *v = variance[t], *c = windows[t].impulse;
+        const ca_real square = windows[t].length * windows[t].length;
+        ca_real seen = 0, left = 0, ratio = 1;
+        for (int k = 0; k < 6; k++) {
+            const ca_real disturbed = v[k] + square * model->disturbance[k];
+            seen += c[k] * c[k] / v[k];
+            left += c[k] * c[k] / disturbed;
+            ratio *= disturbed / v[k];
+        }
+        const ca_real disturbance = CA_REAL(0.5) * (seen - left - ca_log(ratio));
+        if (disturbance > found->disturbance) {
+            found->disturbance = disturbance;
+            likeliest = t;
+        }
+        for (int i = 0; i < n; i++) {
+            ca_real given[6], error[6], product = 0, norm = CA_REAL(1e-12), rest = 0;
+            signature_of(model, &windows[t], i, given, error);
+            for (int k = 0; k < 6; k++) {
+                const ca_real weighted = given[k] / v[k];
+                product -= weighted * c[k];
+                norm += weighted * given[k];
+            }
+            const ca_real raw = product / norm, first = ca_clip(raw, 0, detector->health[i]);
+            found->shares[i] = raw;
+            found->errors[i] = 1 / ca_sqrt(norm);
+            shares[t][i] = evidence[t][i] = 0;
+            if (!(first > 0))
+                continue;
+            ratio = 1;
+            product = rest = 0;
+            norm = CA_REAL(1e-12);
+            for (int k = 0; k < 6; k++) {
+                const ca_real wider = v[k] + first * first * error[k], inverse = 1 / wider;
+                product -= given[k] * c[k] * inverse;
+                norm += given[k] * given[k] * inverse;
+                rest += c[k] * c[k] * inverse;
+                ratio *= wider / v[k];
+            }
+            const ca_real share = ca_clip(product / norm, 0, detector->health[i]);
+            shares[t][i] = share;
+            evidence[t][i] =
+                CA_REAL(0.5) * (seen - rest + share * (2 * product - share * norm) -
+                                ca_log(ratio * ca_max(1, norm / PRIOR)));
+            found->evidence[i] = ca_max(found->evidence[i], evidence[t][i]);
+        }
+    }
+    int rotor = 0;
+    for (int i = 1; i < n; i++)
+        rotor = found->evidence[i] > found->evidence[rotor] ? i : rotor;
+    const ca_real best = found->evidence[rotor];
     found->rotor = rotor;
     found->names = 0;
-    found->window = window;
-    if (!(score > model->limit))
-        return;
-    ca_real seen = 0;
-    for (int k = 0; k < 6; k++) {
-        weights[k] = 1 / variance[window][k];
-        seen += weights[k] * windows[window].impulse[k] * windows[window].impulse[k];
-    }
-    if (!(score > EXPLAINED * seen)) {
-        find_pair(detector, &windows[window], weights, products[window], squares[window], seen,
-                  found);
+    found->window = likeliest;
+    if (!(best > LIMIT && best - found->disturbance > MARGIN)) {
+        if (found->disturbance > LIMIT)
+            find_pair(detector, &windows[likeliest], variance[likeliest],
+                      ca_max(best + ODDS, found->disturbance + MARGIN), found);
         return;
     }
     /* The greatest share of all windows that are about as likely. */
-    ca_real share = -1, rival = model->limit;
+    ca_real share = -1;
     for (int t = 0; t < CA_WINDOWS; t++)
-        if (scores[t][rotor] >= score - NEAR * ca_sqrt(score) && shares[t][rotor] > share) {
+        if (evidence[t][rotor] >= best - NEAR * ca_sqrt(best) && shares[t][rotor] > share) {
             share = shares[t][rotor];
             found->window = t;
         }
     for (int i = 0; i < n; i++)
-        rival = i != rotor ? ca_max(rival, best[i]) : rival;
-    if (score - rival > model->odds && share >= model->least_loss * detector->health[rotor]) {
+        if (i != rotor && i != partner_of(model, rotor) && best - found->evidence[i] <= ODDS)
+            return;
+    if (share >= LEAST_LOSS * detector->health[rotor]) {
         found->names = 1;
         found->named[0] = rotor;
         found->lost[0] = share;
@@ -414,11 +472,12 @@ static int suspicious(const ca_detector *detector)
     return detector->waited > 0 && detector->waited < PATIENCE;
 }
 
+/* A rate of learning: greater in the beginning of a flight. */
 static ca_real learning_gain(const ca_detector *detector)
 {
     if (suspicious(detector))
         return 0;
-    return 1 / ca_min(detector->model->learning_time, detector->flown + CA_REAL(0.05));
+    return 1 / ca_min(LEARNING, detector->flown + CA_REAL(0.05));
 }
 
 /* Begin a flight: the windows reach back to now. */
@@ -452,11 +511,11 @@ static void reduce(ca_detector *detector, int rotor, ca_real share)
     const ca_real whole = detector->announced[rotor], health = detector->health[rotor];
     ca_real left = ca_clip(health - share, 0, whole);
     left = left < USELESS * whole ? 0 : left;
+    ca_real given[6], error[6];
     for (int b = 0; b < CA_BLOCKS; b++) {
-        ca_block *block = &detector->blocks[b];
-        const ca_real given = (health - left) * block->given[rotor];
+        signature_of(detector->model, &detector->blocks[b], rotor, given, error);
         for (int k = 0; k < 6; k++)
-            block->impulse[k] += given * detector->model->wrenches[k][rotor];
+            detector->blocks[b].impulse[k] += (health - left) * given[k];
     }
     detector->health[rotor] = left;
 }
@@ -493,7 +552,7 @@ static void learn_motion(ca_detector *detector, const ca_block *window, const ca
     for (int i = 0; i < n; i++)
         detector->mean_thrusts[i] += quick * (thrusts[i] - detector->mean_thrusts[i]);
     const ca_real share =
-        settled(window->length / ca_min(CA_REAL(2.5) * model->learning_time, detector->flown));
+        settled(window->length / ca_min(CA_REAL(2.5) * LEARNING, detector->flown));
     /* The mean disturbance in the body frame is no part of what the window lacks. */
     ca_real steady[6];
     ca_copy(6, detector->estimate, steady);
@@ -531,8 +590,8 @@ static void learn(ca_detector *detector, ca_real block, ca_real spread[CA_WINDOW
     for (int t = 0; t < CA_WINDOWS; t++)
         for (int k = 0; k < 6; k++) {
             const ca_real square = windows[t].impulse[k] * windows[t].impulse[k];
-            const ca_real now = ca_min(square, 9 * spread[t][k]);
-            detector->variance[t][k] = spread[t][k] + share * (now - spread[t][k]);
+            ca_real *variance = &detector->variance[t][k];
+            *variance += share * (ca_min(square, OUTLIER * spread[t][k]) - *variance);
         }
     if (moving)
         learn_motion(detector, windows, mean, thrusts);
@@ -565,6 +624,8 @@ static void sum_windows(ca_detector *detector, ca_block *windows)
             sum.length += block->length;
             for (int k = 0; k < 6; k++)
                 sum.impulse[k] += block->impulse[k];
+            for (int k = 0; k < 2; k++)
+                sum.lateral[k] += block->lateral[k];
             for (int i = 0; i < n; i++) {
                 sum.given[i] += block->given[i];
                 sum.change[i] += block->change[i];
@@ -582,12 +643,27 @@ static void add_model_errors(const ca_detector *detector, const ca_block *window
     for (int t = 0; t < CA_WINDOWS; t++)
         for (int i = 0; i < ROTORS(model); i++) {
             const ca_real usual = windows[t].length * detector->mean_thrusts[i];
-            const ca_real by_thrust = model->thrust_error * (windows[t].given[i] - usual);
-            const ca_real by_time = model->time_error * windows[t].change[i];
+            const ca_real by_thrust = THRUST_ERROR * (windows[t].given[i] - usual);
+            const ca_real by_time = TIME_ERROR * windows[t].change[i];
             const ca_real error = by_thrust * by_thrust + by_time * by_time;
             for (int k = 0; k < 6; k++)
                 variance[t][k] += error * (model->wrenches[k][i] * model->wrenches[k][i]);
         }
+}
+
+/* Set the probabilities of a disturbance, and of the loss of each rotor that has not failed yet. */
+static void set_probabilities(ca_detector *detector, const finding *found, ca_real score)
+{
+    const int n = ROTORS(detector->model);
+    ca_real total = 1 - settled(score);
+    const ca_real disturbance = 1 - settled(score - found->disturbance);
+    total += disturbance;
+    for (int i = 0; i < n; i++)
+        total += 1 - settled(score - found->evidence[i]);
+    detector->probabilities[n] = disturbance / total;
+    for (int i = 0; i < n; i++)
+        if (detector->sound[i])
+            detector->probabilities[i] = (1 - settled(score - found->evidence[i])) / total;
 }
 
 /* Count a test without a suspicion. */
@@ -596,9 +672,10 @@ static void clear_suspicion(ca_detector *detector)
     detector->waited = 0;
     detector->count = detector->names = 0;
     detector->suspect = -1;
+    detector->probabilities[ROTORS(detector->model)] = 0;
     for (int i = 0; i < ROTORS(detector->model); i++)
         if (detector->sound[i])
-            detector->certainty[i] = 0;
+            detector->probabilities[i] = 0;
 }
 
 /* Whether the same rotors were named in enough tests. */
@@ -648,11 +725,14 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         ca_real sum = 0;
         for (int k = 0; k < 6; k++) {
             const ca_real impulse = windows[t].impulse[k];
-            spread[t][k] = ca_max(detector->variance[t][k], FLOOR * model->noise[k]);
+            const ca_real noise = k < 3 && detector->measures_force
+                                      ? model->force_noise * windows[t].length
+                                      : model->noise[k];
+            spread[t][k] = ca_max(detector->variance[t][k], FLOOR * noise);
             variance[t][k] = spread[t][k];
             sum += impulse * impulse / spread[t][k];
         }
-        greatest = ca_max(greatest, sum);
+        greatest = ca_max(greatest, CA_REAL(0.5) * sum);
     }
     if (!refining && greatest <= SUSPICION) {
         /* No score exceeds this sum. */
@@ -662,18 +742,17 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     }
     add_model_errors(detector, windows, variance);
     test(detector, windows, (const ca_real(*)[6])variance, &found);
-    if (found.score > SUSPICION && !moving) {
+    const ca_real score = ca_max(found.evidence[found.rotor], found.disturbance);
+    if (score > SUSPICION && !moving) {
         /* A lost rotor turns the vehicle over; this one stands, and the ground carries it. */
         forget(detector, 0);
         return 0;
     }
     const int changed = refine(detector, &found, block);
-    detector->waited = found.score > SUSPICION || refining ? detector->waited + block : 0;
-    detector->suspect = found.score > model->limit ? found.rotor : -1;
+    detector->waited = score > SUSPICION || refining ? detector->waited + block : 0;
+    detector->suspect = found.evidence[found.rotor] > LIMIT ? found.rotor : -1;
     learn(detector, block, spread, windows, thrusts, moving);
-    for (int i = 0; i < n; i++)
-        if (detector->sound[i])
-            detector->certainty[i] = found.probabilities[i];
+    set_probabilities(detector, &found, score);
     if (!confirmed(detector, &found))
         return changed;
     forget(detector, detector->windows[found.window]);
@@ -685,7 +764,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         ca_real share = found.lost[k];
         if (share * longer >= TOTAL * detector->health[rotor])
             share = detector->health[rotor];
-        detector->certainty[rotor] = ca_max(detector->certainty[rotor], model->certainty);
+        detector->probabilities[rotor] = ca_max(detector->probabilities[rotor], CERTAIN);
         fail(detector, rotor, share, time, CA_MOTION);
     }
     return 1;
@@ -696,7 +775,7 @@ void ca_detector_reset(ca_detector *detector)
     const ca_detector_model *model = detector->model;
     for (int i = 0; i < ROTORS(model); i++) {
         detector->health[i] = detector->announced[i];
-        detector->certainty[i] = 0;
+        detector->probabilities[i] = 0;
         detector->since[i] = 0;
         detector->evidence[i] = CA_NONE;
         detector->measured[i] = CA_UNBOUNDED;
@@ -704,6 +783,7 @@ void ca_detector_reset(ca_detector *detector)
         detector->sound[i] = 1;
         detector->refined[i] = CA_UNBOUNDED;
     }
+    detector->probabilities[ROTORS(model)] = 0;
     detector->suspect = -1;
     for (int t = 0; t < CA_WINDOWS; t++)
         ca_copy(6, model->noise, detector->variance[t]);
@@ -746,7 +826,7 @@ static ca_real least_speed(const ca_detector *detector, int rotor)
 int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *speeds)
 {
     const ca_detector_model *model = detector->model;
-    const ca_real allowed = ca_sqrt(1 - model->least_loss);
+    const ca_real allowed = ca_sqrt(1 - LEAST_LOSS);
     /* Motors without commands idle. */
     const int fresh = detector->has_command && time - detector->commanded < STALE;
     int changed = 0, slows = 0;
@@ -776,7 +856,7 @@ int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *spee
         /* When it failed is not known: the motion before shows nothing more. */
         forget(detector, 0);
         memset(&detector->sums, 0, sizeof detector->sums);
-        detector->certainty[i] = 1;
+        detector->probabilities[i] = 1;
         fail(detector, i, (1 - kept * kept) * detector->health[i], time, CA_ROTOR_SPEED);
         changed = 1;
     }
@@ -816,8 +896,27 @@ static void expect(ca_detector *detector, const ca_real turned[3][3], const ca_r
     }
 }
 
+/* Set what a step adds to the momentum, by an accelerometer that is off the centre of mass. */
+static void gain_momentum(const ca_detector *detector, ca_real step, const ca_real turned[3][3],
+                          const ca_real *omega, const ca_real *change,
+                          const ca_real *specific_force, ca_real *gained)
+{
+    const ca_detector_model *model = detector->model;
+    const ca_real *r = model->imu;
+    const ca_real along = ca_dot(3, omega, r), square = ca_dot(3, omega, omega);
+    ca_real force[3];
+    for (int k = 0; k < 3; k++) {
+        const int next = (k + 1) % 3, last = (k + 2) % 3;
+        const ca_real tangential = (change[next] * r[last] - change[last] * r[next]) / step;
+        const ca_real centripetal = omega[k] * along - r[k] * square;
+        force[k] = model->mass * step * (specific_force[k] - tangential - centripetal);
+    }
+    rotate(turned, force, gained);
+    gained[2] -= model->gravity * step;
+}
+
 int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attitude[4],
-                        const ca_real motion[6])
+                        const ca_real motion[6], const ca_real *specific_force)
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
@@ -825,8 +924,9 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
     ca_real thrusts[CA_N] = {0}, mean[6] = {0}, drag[6] = {0}, step = 0, gain = 0;
     int moving = 0, counts = 0;
     const ca_real length = ca_length(4, attitude);
-    if (!(is_time(time) && within(4, attitude, -STATE_MAX, STATE_MAX) &&
-          within(6, motion, -STATE_MAX, STATE_MAX) && length >= 1 / STATE_MAX))
+    if (!(is_time(time) && within(4, attitude, -CA_STATE_MAX, CA_STATE_MAX) &&
+          within(6, motion, -CA_STATE_MAX, CA_STATE_MAX) && length >= 1 / CA_STATE_MAX &&
+          (!specific_force || within(3, specific_force, -CA_STATE_MAX, CA_STATE_MAX))))
         return -1;
     if (ignores(detector, time))
         return 0;
@@ -862,8 +962,19 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
             /* What holds a vehicle that does not move may be the ground, which is not learnt. */
             gain = moving ? learning_gain(detector) : 0;
         }
+        ca_real gained[6];
+        for (int k = 0; k < 6; k++)
+            gained[k] = momentum[k] - detector->momentum[k];
+        if (specific_force && step > 0) {
+            ca_real change[3];
+            for (int k = 0; k < 3; k++)
+                change[k] = motion[k + 3] - detector->motion[k + 3];
+            gain_momentum(detector, step, (const ca_real(*)[3])turned, mean + 3, change,
+                          specific_force, gained);
+        }
+        detector->measures_force = specific_force != 0;
         if (!detector->interrupted || !detector->timed)
-            counts = update(detector, step, momentum, world, gain);
+            counts = update(detector, step, gained, world, gain);
     }
     detector->time = time;
     detector->timed = 1;
@@ -883,6 +994,12 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
     detector->sums.length += step;
     for (int k = 0; k < 6; k++)
         detector->sums.impulse[k] += detector->lacked[k];
+    /* The share of each rotor in the drag across its axis. */
+    ca_real steady[6];
+    ca_copy(6, detector->estimate, steady);
+    rotate_back((const ca_real(*)[3])turned, steady);
+    for (int k = 0; k < 2; k++)
+        detector->sums.lateral[k] += step * (steady[k] + drag[k]) / (ca_real)n;
     for (int i = 0; i < n; i++)
         detector->sums.given[i] += step * thrusts[i];
     return detector->sums.length >= BLOCK && test_windows(detector, time, thrusts, moving);

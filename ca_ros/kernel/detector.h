@@ -21,6 +21,7 @@ extern "C" {
 #define CA_SEGMENTS 64
 #endif
 
+#define CA_STATE_MAX ((ca_real)1e9) /* greatest number of a state */
 #define CA_TIME_MAX (INT64_C(1) << 62) /* times are less, before and after zero [ns] */
 
 #define CA_BLOCKS 34 /* blocks of time that are kept */
@@ -43,14 +44,14 @@ extern "C" {
     X(health, [CA_N])          /* what is announced of each rotor */ \
     X(time_constant, )         /* of the motors [s] */ \
     X(delay, )                 /* of the motors [s] */ \
-    X(learning_time, )         /* [s] */ \
-    X(thrust_error, ) \
-    X(time_error, )            /* [s] */ \
-    X(least_loss, ) \
-    X(certainty, ) \
-    X(limit, )                 /* score from which a failure is suspected */ \
-    X(odds, )                  /* lead of the score over that of any other rotor */ \
+    X(arms, [3][CA_N])         /* of the rotors [m] */ \
+    X(partner, [CA_N])         /* the other rotor of a coaxial pair, counted from 0, or -1 */ \
+    X(unit, [6])               /* squared wrench of a thrust of 1 N in any direction */ \
+    X(disturbance, [6])        /* variance of a disturbance of a rotor's size [N^2, N^2 m^2] */ \
+    X(gravity, )               /* m g [N] */ \
+    X(imu, [3])                /* place of the accelerometer [m] */ \
     X(lever, )                 /* least lever of two failed rotors [m] */ \
+    X(force_noise, )           /* variance of an impulse by the accelerometer, in a second */ \
     X(noise, [6])              /* variance of an impulse by the noise of the states */ \
     X(moving, [6])             /* motion of a vehicle that moves [m/s, rad/s] */ \
     X(jump, [6])               /* greatest jump of the momentum [kg m/s, kg m^2/s] */ \
@@ -68,6 +69,7 @@ enum ca_evidence { CA_NONE = 0, CA_MOTION = 1, CA_ROTOR_SPEED = 2 };
 typedef struct {
     ca_real length;        /* [s] */
     ca_real impulse[6];    /* that nothing explains, in the body frame [N s, N m s] */
+    ca_real lateral[2];    /* integral of a rotor's share in the drag along x and y [N s] */
     ca_real given[CA_N];   /* integral of the thrust of each sound rotor [N s] */
     ca_real change[CA_N];  /* of this thrust [N] */
 } ca_block;
@@ -75,7 +77,7 @@ typedef struct {
 /* All memory of a detector. The first part is for reading. */
 typedef struct {
     ca_real health[CA_N];    /* the announced one less what was found */
-    ca_real certainty[CA_N]; /* probability that each rotor has failed */
+    ca_real probabilities[CA_N + 1]; /* that each rotor has failed, and of a disturbance */
     int64_t since[CA_N];     /* when each failure was found [ns] */
     int evidence[CA_N];      /* what it was found by: an enum ca_evidence */
     int suspect;             /* the rotor that may be failing now, counted from 0, or -1 */
@@ -94,7 +96,7 @@ typedef struct {
     int64_t interval;
     int slow[CA_N];
     /* momentum observer */
-    int timed, doubted, interrupted;
+    int timed, doubted, interrupted, measures_force;
     int64_t time, doubtful;
     ca_real momentum[6], wrench[6], estimate[6], before[6], latest[6];
     ca_real kept, still, mean_motion[6], lacked[6];
@@ -144,9 +146,11 @@ int CA_SYMBOL(ca_detector_measure)(ca_detector *detector, int64_t time, const ca
  * time      [ns]
  * attitude  quaternion x, y, z, w, body to world (z up), of a length of at least 1e-9
  * motion    velocity before angular velocity in the body frame, up to 1e9 [m/s, rad/s]
+ * specific_force  of the accelerometer, in the mean since the last state, in the body frame [m/s^2];
+ *                 null where there is none
  */
 int CA_SYMBOL(ca_detector_observe)(ca_detector *detector, int64_t time, const ca_real attitude[4],
-                                   const ca_real motion[6]);
+                                   const ca_real motion[6], const ca_real *specific_force);
 #define ca_detector_observe CA_SYMBOL(ca_detector_observe)
 
 #ifdef __cplusplus

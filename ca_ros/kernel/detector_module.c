@@ -14,13 +14,13 @@ static int rotors(const object *self)
     return (int)self->model.rotors;
 }
 
-/* Copy numbers of the rotors to an array of doubles. */
-static PyObject *copy_to(const object *self, const ca_real *numbers, PyObject *array)
+/* Copy numbers to an array of doubles. */
+static PyObject *copy_to(const ca_real *numbers, int count, PyObject *array)
 {
     Py_buffer view;
-    if (!get(array, &view, 'd', rotors(self), NULL, 1))
+    if (!get(array, &view, 'd', count, NULL, 1))
         return NULL;
-    for (int i = 0; i < rotors(self); i++)
+    for (int i = 0; i < count; i++)
         ((double *)view.buf)[i] = (double)numbers[i];
     PyBuffer_Release(&view);
     Py_RETURN_NONE;
@@ -76,14 +76,32 @@ static PyObject *measure(object *self, PyObject *const *arguments, Py_ssize_t co
     return PyBool_FromLong(changed);
 }
 
-static PyObject *observe(object *self, PyObject *const *arguments, Py_ssize_t count)
+static PyObject *observe(object *self, PyObject *const *arguments, Py_ssize_t count,
+                         PyObject *names)
 {
-    const int sizes[3] = {4, 3, 3};
-    ca_real state[10];
+    const int sizes[4] = {4, 3, 3, 3};
+    ca_real state[13];
     int64_t time;
-    if (!take(self, arguments, count, sizes, 3, &time, state))
+    int measured = count == 5;
+    if (names && PyTuple_GET_SIZE(names)) {
+        if (count != 4 || PyTuple_GET_SIZE(names) > 1 ||
+            PyUnicode_CompareWithASCIIString(PyTuple_GET_ITEM(names, 0), "specific_force"))
+            return PyErr_Format(PyExc_TypeError, "observe: no argument %R", names);
+        measured = 1;
+    }
+    if (measured && arguments[4] == Py_None) {
+        measured = 0;
+        count = 4;
+    }
+    if (!take(self, arguments, count + (measured && count == 4), sizes, 3 + measured, &time, state))
         return NULL;
-    const int changed = ca_detector_observe(&self->detector, time, state, state + 4);
+    for (int k = 10; measured && k < 13; k++)
+        if (!(state[k] >= -CA_STATE_MAX && state[k] <= CA_STATE_MAX))
+            return PyErr_Format(PyExc_ValueError,
+                                "specific force %S: expected three numbers up to 1e9",
+                                arguments[4]);
+    const int changed =
+        ca_detector_observe(&self->detector, time, state, state + 4, measured ? state + 10 : NULL);
     if (changed < 0)
         return PyErr_Format(PyExc_ValueError,
                             "attitude %S, velocities %S and %S: expected a quaternion that is not "
@@ -119,12 +137,12 @@ static PyObject *interrupt(object *self, PyObject *unused)
 
 static PyObject *health(object *self, PyObject *array)
 {
-    return copy_to(self, self->detector.health, array);
+    return copy_to(self->detector.health, rotors(self), array);
 }
 
-static PyObject *certainty(object *self, PyObject *array)
+static PyObject *probabilities(object *self, PyObject *array)
 {
-    return copy_to(self, self->detector.certainty, array);
+    return copy_to(self->detector.probabilities, rotors(self) + 1, array);
 }
 
 static PyObject *status(object *self, PyObject *unused)
@@ -170,14 +188,15 @@ static int initialise(object *self, PyObject *arguments, PyObject *keywords)
 static PyMethodDef methods[] = {
     METHOD(command, METH_FASTCALL, "command(time, speeds): see detector.h"),
     METHOD(measure, METH_FASTCALL, "measure(time, speeds): return whether the health has changed"),
-    METHOD(observe, METH_FASTCALL,
-           "observe(time, attitude, velocity, angular_velocity): return whether the health has "
-           "changed"),
+    METHOD(observe, METH_FASTCALL | METH_KEYWORDS,
+           "observe(time, attitude, velocity, angular_velocity[, specific_force]): return whether "
+           "the health has changed"),
     METHOD(announce, METH_O, "announce(health)"),
     METHOD(reset, METH_NOARGS, "reset()"),
     METHOD(interrupt, METH_NOARGS, "interrupt(): the next state does not continue those before"),
     METHOD(health, METH_O, "health(array): write the health of the rotors"),
-    METHOD(certainty, METH_O, "certainty(array): write the certainty of each failure"),
+    METHOD(probabilities, METH_O,
+           "probabilities(array): write those of each failure and of a disturbance"),
     METHOD(status, METH_NOARGS, "status(): return the suspect or -1, and whether it stands"),
     METHOD(failures, METH_NOARGS, "failures(): return (since, evidence) of each rotor"),
     {NULL, NULL, 0, NULL}};

@@ -14,12 +14,16 @@
 #define ca_abs fabsf
 #define ca_sqrt sqrtf
 #define CA_BITS uint32_t
+#define CA_MANTISSA 23
+#define CA_EXPONENT 127
 #define CA_CHOOSE(in_double, in_float) ((ca_real)(in_float))
 #define CA_CHOOSE_INT(in_double, in_float) (in_float)
 #else
 #define ca_abs fabs
 #define ca_sqrt sqrt
 #define CA_BITS uint64_t
+#define CA_MANTISSA 52
+#define CA_EXPONENT 1023
 #define CA_CHOOSE(in_double, in_float) ((ca_real)(in_double))
 #define CA_CHOOSE_INT(in_double, in_float) (in_double)
 #endif
@@ -97,6 +101,28 @@ static inline int ca_is_wrench(int m, const ca_real *u)
         if (!ca_is_finite(&u[k]))
             return 0;
     return ca_length(m, u) <= CA_ABSURD;
+}
+
+/* Natural logarithm of a positive number of at least 1e-30, the same on every machine: libraries
+ * differ in the last bits. The number is m 2^e with m from sqrt(1/2) to sqrt(2), and
+ * ln m = 2 artanh((m - 1) / (m + 1)). */
+static inline ca_real ca_log(ca_real x)
+{
+    const ca_real root = CA_REAL(1.4142135623730951);
+    ca_real sum = 0;
+    CA_BITS bits;
+    memcpy(&bits, &x, sizeof bits);
+    int exponent = (int)(bits >> CA_MANTISSA) - CA_EXPONENT;
+    bits -= (CA_BITS)exponent << CA_MANTISSA;
+    memcpy(&x, &bits, sizeof x);
+    if (x > root) {
+        x *= CA_REAL(0.5);
+        exponent++;
+    }
+    const ca_real part = (x - 1) / (x + 1), square = part * part;
+    for (int k = CA_CHOOSE_INT(23, 9); k > 0; k -= 2)
+        sum = sum * square + 1 / (ca_real)k;
+    return 2 * part * sum + (ca_real)exponent * CA_REAL(0.69314718055994531);
 }
 
 static inline void ca_copy(int count, const ca_real *from, ca_real *to)

@@ -117,9 +117,9 @@ class MonitorNode(Node):
         return OK, 'on the ground' if detector.standing else 'all rotors deliver their thrust'
 
     def _values(self) -> dict[str, object]:
-        health, certainty = (
-            ', '.join(f'{share:.3g}' for share in shares)
-            for shares in (self.detector.health, self.detector.certainty)
+        health, (*failures, disturbance) = (
+            [f'{share:.3g}' for share in shares]
+            for shares in (self.detector.health, self.detector.probabilities)
         )
         total = self._lag_check.total
         since = {
@@ -128,9 +128,10 @@ class MonitorNode(Node):
         }
         lost = self.detector.vehicle.with_health(self.detector.health).lost
         return {
-            **self.belief.values(), **self._counts, 'health': health,
+            **self.belief.values(), **self._counts, 'health': ', '.join(health),
             'lost rotors': ', '.join(f'{i + 1}' for i in np.flatnonzero(lost)) or 'none',
-            'certainty of a failure': certainty,
+            'probability of a failure': ', '.join(failures),
+            'probability of a disturbance': disturbance,
             'lag and delay of motors [ms]': 'unknown' if total is None else f'{1e3 * total:.0f}',
             **since,
         }

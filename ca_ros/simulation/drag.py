@@ -47,7 +47,8 @@ class Drag:
             hubs = airspeed + vehicle.arms @ turn
             axes = vehicle.rotor_axes
             across = hubs - (hubs * axes).sum(axis=1)[:, None] * axes
-            forces = -self.rotor * np.abs(speeds)[:, None] * across
+            # A rotor without its propeller has no drag, whether it turns or not.
+            forces = -self.rotor * (vehicle.health * np.abs(speeds))[:, None] * across
             force = force + forces.sum(axis=0)
             moments = vehicle.arms.T @ forces
             torque = torque + (moments - moments.T)[[1, 2, 0], [2, 0, 1]]

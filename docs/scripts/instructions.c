@@ -97,7 +97,8 @@ static int call(const number *u, number *f)
     (void)u;
     (void)f;
     ca_detector_command(&detector, time, flight[row].speeds);
-    ca_detector_observe(&detector, time, flight[row].state, flight[row].state + 4);
+    ca_detector_observe(&detector, time, flight[row].state, flight[row].state + 4,
+                        flight[row].state + 10);
     row++;
     return detector.health[0] < 1;
 }

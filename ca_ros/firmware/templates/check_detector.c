@@ -12,10 +12,12 @@ int main(void)
     ca_detector_start(&detector, &MODEL);
     for (int i = 0; i < count; i++) {
         const int64_t time = (int64_t)i * 10000000;
-        ca_detector_observe(&detector, time, flight[i].state, flight[i].state + 4);
+        ca_detector_observe(&detector, time, flight[i].state, flight[i].state + 4,
+                            flight[i].state + 10);
         ca_detector_command(&detector, time, flight[i].speeds);
         if (!memcmp(detector.health, flight[i].health, sizeof detector.health) &&
-            !memcmp(detector.certainty, flight[i].certainty, sizeof detector.certainty))
+            !memcmp(detector.probabilities, flight[i].probabilities,
+                    sizeof detector.probabilities))
             continue;
         if (!wrong++)
             printf("%s: the first difference is after state %d of the golden flight\n", VEHICLE,

@@ -6,9 +6,9 @@
 #define MODEL {{ name }}_detector
 
 static const struct {
-    ca_real state[10]; /* attitude, velocity, angular velocity */
+    ca_real state[13]; /* attitude, velocity, angular velocity, specific force */
     ca_real speeds[CA_N];
-    ca_real health[CA_N], certainty[CA_N];
+    ca_real health[CA_N], probabilities[CA_N + 1];
 } flight[] = {
 {{ flight | rows }}
 };
