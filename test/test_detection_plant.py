@@ -277,4 +277,4 @@ def test_tables_know_arms_and_intervals():
     assert (partner.arm, partner.same_arm, partner.wrong) == (False, True, True)
     assert tables.quantile([arm, partner], 0.9) == 'never'
     assert tables.rate(0, 3.0) == '0.0 [0.0, 1.2]'  # -ln(0.025) / 3
-    assert tables.share(2, 2) == '2/2: 100 [15.8, 100]'  # sqrt(0.025)
+    assert tables.share(2, 2) == '2/2: 100.0 [15.8, 100.0]'  # sqrt(0.025)

@@ -20,8 +20,8 @@ def share(events: int, trials: int) -> str:
     """Return events of trials with the interval of Clopper and Pearson [%]."""
     low = stats.beta.ppf(0.025, events, trials - events + 1) if events else 0.0
     high = stats.beta.ppf(0.975, events + 1, trials - events) if events < trials else 1.0
-    ends = ', '.join(_short(100.0 * each) for each in (low, high))
-    return f'{events}/{trials}: {_short(100.0 * events / trials)} [{ends}]'
+    found, low, high = (f'{100.0 * each:.1f}' for each in (events / trials, low, high))
+    return f'{events}/{trials}: {found} [{low}, {high}]'
 
 
 def _short(x: float) -> str:
