@@ -291,8 +291,8 @@ class AllocatorClient:
 
 def twin(method='exact', health=1.0):
     """Return the allocator that the node should be the equal of."""
-    problem = audit(VEHICLE.with_health(health)).independent
-    return allocator_of(settings_of({'allocation.method': method}).allocation, problem)
+    report = audit(VEHICLE.with_health(health))
+    return allocator_of(settings_of({'allocation.method': method}).allocation, report)
 
 
 def some_wrenches(size):

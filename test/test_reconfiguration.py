@@ -24,7 +24,7 @@ SHARES = st.sampled_from([0.0, 0.5, 0.9, 1.0])
 
 def make(settings, report, before):
     """Return an allocator and a controller, of which the second continues the one before."""
-    method = allocator_of(settings.allocation, report.independent)
+    method = allocator_of(settings.allocation, report)
     return method, Controller.from_settings(report.vehicle, settings, before and before[1])
 
 
@@ -119,7 +119,7 @@ class Belief(RuleBasedStateMachine):
         if self.voltage is not None:
             vehicle = vehicle.at_voltage(self.voltage)
         report = accept(vehicle, 'drop')
-        method = allocator_of(self.settings.allocation, report.independent)
+        method = allocator_of(self.settings.allocation, report)
         u = report.independent.hover
         assert now.made[0].allocate(u).thrusts.tobytes() == method.allocate(u).thrusts.tobytes()
         assert now.made[1].vehicle.axes == report.vehicle.axes
@@ -176,7 +176,7 @@ def test_audit_set_up_and_first_answer_take_at_most_3_ms(name, record_property):
     n = Vehicle.load(name).n
     for k in range(20):
         belief = Reconfiguration(settings, lambda given, report, _: allocator_of(
-            given.allocation, report.independent))
+            given.allocation, report))
         health = np.ones(n)
         health[k % n] = 0.0
         belief.report('monitor', health)

@@ -14,13 +14,14 @@ from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.osqp import Osqp
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
 from ca_ros.allocation.redistributed_pseudo_inverse import RedistributedPseudoInverse
+from ca_ros.allocation.reduced import allocator_for
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.allocation.sequential_desaturation import SequentialDesaturation
 from ca_ros.allocation.weighted_least_squares import WeightedLeastSquares
 from ca_ros.allocation.weighted_pseudo_inverse import WeightedPseudoInverse
-from ca_ros.problem.audit import accept
+from ca_ros.problem.audit import Audit, accept
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.settings import Settings, names_class
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -109,22 +110,24 @@ def make_allocator(
         If the method has no such setting.
     """
     kind = method_class(method)
+    settings = kind.settings_type(**options)
     if isinstance(problem, Vehicle):
-        problem = accept(problem, lost_axes).independent
-    elif lost_axes is not None:
+        return allocator_with(kind, accept(problem, lost_axes), settings)
+    if lost_axes is not None:
         raise ValueError('lost_axes: only vehicles are audited, an AllocationProblem is not')
-    return allocator_with(kind, problem, kind.settings_type(**options))
+    return allocator_with(kind, problem, settings)
 
 
 def allocator_with(
-    kind: type[Allocator], problem: AllocationProblem, settings: Settings
+    kind: type[Allocator], subject: Audit | AllocationProblem, settings: Settings
 ) -> Allocator:
-    """Return the allocator of a class and its settings; see `make_allocator`."""
-    if isinstance(problem, VehicleProblem) and problem.vehicle.powerless:
-        # The settings must suit the rotors when they return.
-        kind(accept(problem.vehicle.with_health(1.0), 'drop').independent, settings)
-        return Powerless(problem)
-    return kind(problem, settings)
+    """Return the allocator of a class and its settings for an audited vehicle, or a problem.
+
+    For a vehicle it takes the axes that the rotors can control independently.
+    """
+    if isinstance(subject, Audit):
+        return allocator_for(kind, subject, settings)
+    return kind(problem_of(subject), settings)
 
 
 __all__ = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array
-from ca_ros.problem.audit import accept
+from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import problem_of
+from ca_ros.problem.vehicle_problem import problem_of, vehicle_of
 from ca_ros.settings import Settings
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -67,6 +68,13 @@ class Allocator(ABC):
     def __init__(
         self, problem: Subject, settings: Settings | None = None, /, **given: Any
     ) -> None:
+        if isinstance(settings, str):
+            names = ', '.join(self.settings_type.__dataclass_fields__) or 'none'
+            raise TypeError(
+                f'{type(self).__name__} takes settings by keyword ({names}), such as '
+                f"{type(self).__name__}(vehicle, policy='scale'); got {settings!r}"
+                if 'policy' in names else
+                f'{type(self).__name__} takes settings by keyword ({names}); got {settings!r}')
         if settings is None:
             settings = self.settings_type(**given)
         elif given or not isinstance(settings, self.settings_type):
@@ -81,6 +89,65 @@ class Allocator(ABC):
             others = 'pseudo_inverse, weighted_pseudo_inverse and weighted_least_squares take both'
             self.problem.program.refuse_vectors(type(self).__name__, f'exact, {others}')
         self._set_up()
+
+    @classmethod
+    def suited(cls, report: Audit, settings: Any) -> tuple[AllocationProblem, Any]:
+        """Return the problem and the settings of the method for what an audit left of a vehicle.
+
+        A method serves the axes that the rotors can still control independently.
+        """
+        return report.independent, settings
+
+    @cached_property
+    def audit(self) -> Audit:
+        """The audit of the vehicle as it is.
+
+        Raises a TypeError if the problem has no vehicle.
+        """
+        return audit(vehicle_of(self.problem))
+
+    @property
+    def lost_axes(self) -> tuple[str, ...]:
+        """The axes of the problem that the rotors cannot control, or not while they hover."""
+        return self.audit.lost
+
+    def with_health(self, health: ArrayLike) -> Allocator:
+        """Return an allocator of the same method and settings for other rotor health.
+
+        The wrench keeps its axes, those of `problem`.  Axes that are lost with this health leave
+        the demand before the policies 'scale' and 'reject' act, and are served last by
+        'prioritize'; see `lost_axes`.  An answer is EXACT only if all axes are met.  Without any
+        rotor all answers are at rest and INEXACT.
+
+        Parameters
+        ----------
+        health : float or (n,) array
+            Share of its thrust that each rotor still gives, in [0, 1].  It replaces the health of
+            the vehicle: all ones give the allocator of the sound vehicle again.
+
+        Returns
+        -------
+        Allocator
+
+        Raises
+        ------
+        ParameterError
+            If the health is not 1 or n numbers in [0, 1].
+        TypeError
+            If the problem has no vehicle.
+
+        Examples
+        --------
+        >>> allocator = Exact(Vehicle.load('hexarotor')).with_health([0, 1, 1, 1, 1, 1])
+        >>> allocator.lost_axes
+        ('yaw',)
+        >>> print(allocator.allocate([9.81, 0.1, 0.0, 0.0]))
+        PRIORITIZED: thrust 9.81, roll 0.1, pitch 0, yaw 0.002882 of 0
+        """
+        from ca_ros.allocation.reduced import after_failures
+
+        report = audit(vehicle_of(self.problem).with_health(health))
+        return after_failures(type(self), report, self.settings)
 
     def _set_up(self) -> None:  # noqa: B027 (most methods need it, not all)
         """Work out what all answers share, from `problem` and `settings`."""

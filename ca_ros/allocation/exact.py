@@ -17,6 +17,8 @@ from ca_ros.allocation.explanation import Explanation
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array, floats
 from ca_ros.kernel import INVALID
+from ca_ros.problem.audit import Audit
+from ca_ros.problem.problem import AllocationProblem
 
 EXACT = Status.EXACT  # a name of its own is found faster than a member
 new = object.__new__
@@ -94,6 +96,28 @@ class Exact(Allocator):
         self._backend = backend_of(problem, settings)
         self._solve: Any = self._backend.allocate
         self.engine = self._backend.engine
+
+    @classmethod
+    def suited(cls, report: Audit, settings: ExactSettings) -> tuple[AllocationProblem, Any]:
+        """Return problem and settings after failures; see `Allocator.suited`.
+
+        Lost axes are the last group of 'prioritize', and no part of the problem of the others.
+        """
+        if settings.policy == 'prioritize':
+            problem, lost = report.independent, [
+                axis for axis in report.lost if axis in report.independent.axes]
+            groups = settings.groups(problem.axes)
+            if lost and {axis for group in groups[-len(lost):] for axis in group} != {*lost}:
+                kept = [tuple(axis for axis in group if axis not in lost) for group in groups]
+                order = [' '.join(group) for group in [*kept, tuple(lost)] if group]
+                settings = replace(settings, order=order)
+            return problem, settings
+        problem = report.controllable
+        if settings.scale_reference is not None:
+            full = report.full.check(settings.scale_reference, name='scale_reference')
+            rows = [report.full.axes.index(axis) for axis in problem.axes]
+            settings = replace(settings, scale_reference=full[rows])
+        return problem, settings
 
     def __reduce__(self) -> tuple[type[Exact], tuple[object, ...]]:
         # The kernel cannot be copied; its set-up takes microseconds.

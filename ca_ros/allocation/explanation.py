@@ -81,12 +81,15 @@ class Explanation(Limits):
         An axis between the reference and its demand is served by a share; of others the error is
         said.
         """
-        if not (limits := self.limits):
-            return f'all axes are served; margin {self.margin:.3g}'
-        return '; '.join(
+        lost = [axis for axis, share in zip(self.problem.axes, self.served, strict=True)
+                if share != share]
+        parts = [
             f'{axis} {self._share(self.problem.axes.index(axis))}, limited by {words}'
-            for axis, words in limits.items()
-        )
+            for axis, words in self.limits.items()
+        ]
+        rest = 'all other axes are served' if lost else 'all axes are served'
+        parts = parts or [f'{rest}; margin {self.margin:.3g}']
+        return '; '.join([*parts, *(f'{axis} is lost' for axis in lost)])
 
     def _share(self, axis: int) -> str:
         missed, way = float(self.missed[axis]), (self.demand - self.problem.reference)[axis]

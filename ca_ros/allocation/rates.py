@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.exact import Exact
+from ca_ros.allocation.reduced import Reduced
 from ca_ros.allocation.result import Allocation
 from ca_ros.allocation.slew import SlewLimited, rates_of
 from ca_ros.allocation.tilt_rates import TiltLimited
@@ -43,8 +44,12 @@ class WithinRates:
         return self._limited.allocate_after(u, last, period)
 
 
-def limited(allocator: Allocator) -> SlewLimited | TiltLimited | None:
+def limited(allocator: Allocator) -> SlewLimited | TiltLimited | Reduced | None:
     """Return what allocates within the rates of a vehicle; None if it has none."""
+    if isinstance(allocator, Reduced):
+        inner = limited(allocator.method)
+        return inner and Reduced(
+            allocator.problem, inner, allocator.method.problem.axes, allocator.settings)
     problem, rates = allocator.problem, rates_of(allocator.problem)
     if not isinstance(problem, VehicleProblem) or problem.vehicle.powerless:
         return None

@@ -12,6 +12,7 @@ from ca_ros.allocation import (
     method_class,
 )
 from ca_ros.allocation.exact_settings import ExactSettings
+from ca_ros.problem.audit import Audit
 from ca_ros.settings import ParameterError, Settings, groups, names_class, setting, table
 from ca_ros.vehicle.settings import AxesSettings, VehicleSettings
 
@@ -110,11 +111,11 @@ def _can_be_made(kind: type[Allocator], problem: AllocationProblem) -> bool:
     return False
 
 
-def allocator_of(settings: MethodSettings, problem: AllocationProblem) -> Allocator:
-    """Return the allocator that the settings of a file or node describe.
+def allocator_of(settings: MethodSettings, subject: Audit | AllocationProblem) -> Allocator:
+    """Return the allocator that the settings of a file or node describe; see `allocator_with`.
 
     Raises a ParameterError if a setting is wrong; the message has its full name.
     """
     with full_names(settings):
         kind = method_class(settings.method)
-        return allocator_with(kind, problem, settings.of(settings.method))
+        return allocator_with(kind, subject, settings.of(settings.method))

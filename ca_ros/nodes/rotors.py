@@ -30,7 +30,7 @@ class Rotors:
 
     def __init__(self, settings: Any, report: Audit) -> None:
         self.vehicle = report.vehicle
-        self.method: Allocator = allocator_of(settings.allocation, report.independent)
+        self.method: Allocator = allocator_of(settings.allocation, report)
         self.within_rates = WithinRates(self.method)
         self.rows = [AXES.index(axis) for axis in self.vehicle.axes]
         self.idle: Array = self.vehicle.idle_command

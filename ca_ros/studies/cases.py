@@ -139,7 +139,7 @@ class Case:
             settings: FileSettings, report: Audit, before: tuple[Controller, Allocator] | None
         ) -> tuple[Controller, Allocator]:
             made = Controller.from_settings(report.vehicle, settings, before and before[0])
-            return changed(made), self.allocator(method, report.independent)
+            return changed(made), self.allocator(method, report)
 
         return Reconfiguration(self.flown, make, (controller, allocator))
 
@@ -165,18 +165,21 @@ class Case:
         return Detection(self.detector(), partial(self.reconfiguration, method))
 
     def allocator(
-        self, method: str, vehicle: Vehicle | AllocationProblem | None = None
+        self, method: str, vehicle: Vehicle | Audit | AllocationProblem | None = None
     ) -> Allocator:
-        """Return the allocator of a method for a vehicle or problem, by default of the case.
+        """Return the allocator of a method for a vehicle, its audit or a problem.
+
+        By default it is the vehicle or problem of the case.
 
         A method is one of `make_allocator`, whose options are in the parameters, or one of
         `FOR_COMPARISON`.  Raises a ValueError if there is no such method.
         """
         subject = vehicle or (self.vehicle if self.flies else self.problem)
         if method in FOR_COMPARISON:
-            return FOR_COMPARISON[method](subject)
-        problem = accept(subject).independent if isinstance(subject, Vehicle) else subject
-        return allocator_of(replace(self.methods, method=method), problem)
+            part = subject.independent if isinstance(subject, Audit) else subject
+            return FOR_COMPARISON[method](part)
+        given = accept(subject) if isinstance(subject, Vehicle) else subject
+        return allocator_of(replace(self.methods, method=method), given)
 
 
 def methods_of(text: str) -> list[str]:

@@ -1,0 +1,134 @@
+"""Allocators after failures: the axes of the wrench stay, lost ones leave the policies."""
+
+import pickle
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from ca_ros import ALLOCATORS, AllocationProblem, Exact, ParameterError, Status, Vehicle, audit
+from ca_ros.allocation.reduced import allocator_for
+from strategies import length
+
+VEHICLES = ['quadrotor', 'hexarotor', 'hexarotor_ppnnpn', 'hexarotor_tilted', 'x8', 'tricopter']
+POLICIES = ['prioritize', 'scale', 'reject']
+
+
+def health_without(n, *rotors):
+    return np.where(np.isin(np.arange(1, n + 1), rotors), 0.0, 1.0)
+
+
+def losses(vehicle):
+    pairs = [*combinations(range(1, vehicle.n + 1), 2)]
+    return [(i,) for i in range(1, vehicle.n + 1)] + pairs[:: length(4, 1)]
+
+
+@pytest.mark.parametrize('policy', POLICIES)
+@pytest.mark.parametrize('name', VEHICLES)
+def test_the_answers_are_those_of_the_node_to_the_last_bit(name, policy):
+    vehicle, rng = Vehicle.load(name), np.random.default_rng(7)
+    sound = Exact(vehicle, policy=policy)
+    for lost in losses(vehicle):
+        health = health_without(vehicle.n, *lost)
+        allocator, report = sound.with_health(health), audit(vehicle.with_health(health))
+        node = allocator_for(Exact, report, sound.settings)
+        rows = [vehicle.axes.index(axis) for axis in report.independent.axes]
+        assert allocator.problem.axes == vehicle.axes
+        assert allocator.lost_axes == report.lost
+        for _ in range(3):
+            u = sound.problem.hover + rng.normal(0.0, 0.3, len(vehicle.axes))
+            answer = allocator.allocate(u)
+            np.testing.assert_array_equal(answer.thrusts, node.allocate(u[rows]).thrusts)
+            np.testing.assert_allclose(
+                answer.residual, u - sound.problem.part(vehicle.axes).gamma @ answer.thrusts
+                if not len(vehicle.servos) else answer.residual, atol=1e-12)
+            assert (answer.status is Status.EXACT) == (
+                np.linalg.norm(answer.residual) <= 1e-12 * max(1.0, np.linalg.norm(u)))
+
+
+@pytest.mark.parametrize('policy', POLICIES)
+@pytest.mark.parametrize('name', VEHICLES)
+def test_hover_keeps_the_axes_that_are_left_whatever_the_policy(name, policy):
+    """A yaw that nobody can hold must not cost the vehicle its thrust, or tilt it."""
+    vehicle = Vehicle.load(name)
+    sound = Exact(vehicle, policy=policy)
+    for lost in losses(vehicle):
+        allocator = sound.with_health(health_without(vehicle.n, *lost))
+        if not allocator.audit.keeps_hovering:
+            continue
+        answer = allocator.allocate(sound.problem.hover)
+        left = [axis not in allocator.lost_axes for axis in vehicle.axes]
+        np.testing.assert_allclose(answer.residual[left], 0.0, atol=1e-9)
+        served = answer.explanation.served
+        np.testing.assert_array_equal(np.isnan(served), np.logical_not(left))
+        for axis in allocator.lost_axes:
+            assert f'{axis} is lost' in str(answer.explanation)
+
+
+def test_rotor_1_of_the_hexarotor():
+    """By hand: without rotor 1 the others hover with a yaw torque that they cannot hold."""
+    sound = Exact(Vehicle.load('hexarotor'))
+    allocator = sound.with_health(health_without(6, 1))
+    answer = allocator.allocate(sound.problem.hover)
+    assert (allocator.lost_axes, answer.status) == (('yaw',), Status.PRIORITIZED)
+    # Rotor 4, opposite, runs at its least thrust, 0.04 N; its drag of 0.02 m is the yaw torque.
+    assert answer.thrusts[3] == pytest.approx(2.5e-5 * 40.0**2)
+    assert abs(answer.residual[3]) == pytest.approx(0.0024, abs=1e-5)
+    assert str(answer) == 'PRIORITIZED: thrust 9.81, roll 0, pitch 0, yaw -0.0024 of 0'
+
+
+@pytest.mark.parametrize('method', ALLOCATORS)
+def test_health_is_absolute_and_all_ones_give_the_same_bits_again(method):
+    vehicle = Vehicle.load('hexarotor_ppnnpn')
+    sound = ALLOCATORS[method](vehicle)
+    u = np.array([11.0, 0.4, -0.2, 0.05])
+    first = sound.with_health(health_without(6, 1)).with_health(health_without(6, 2))
+    np.testing.assert_array_equal(
+        first.allocate(u).thrusts,
+        sound.with_health(health_without(6, 2)).allocate(u).thrusts)
+    for again in (first.with_health(np.ones(6)), sound.with_health(1.0)):
+        assert type(again) is type(sound)
+        np.testing.assert_array_equal(again.allocate(u).thrusts, sound.allocate(u).thrusts)
+    # The one that is asked stays as it is.
+    assert not sound.problem.vehicle.lost.any()
+
+
+def test_batches_copies_and_rates_have_all_axes(tmp_path):
+    vehicle = Vehicle.load('hexarotor')
+    allocator = Exact(vehicle, policy='scale').with_health(health_without(6, 3))
+    wrenches = np.array([[9.81, 0.0, 0.0, 0.0], [12.0, 0.2, 0.1, 0.1], [90.0, 0.0, 0.0, 0.0]])
+    batch, copied = allocator.allocate_batch(wrenches), pickle.loads(pickle.dumps(allocator))
+    for u, answer in zip(wrenches, batch, strict=True):
+        one, other = allocator.allocate(u), copied.allocate(u)
+        for found in (answer, other):
+            np.testing.assert_array_equal(found.thrusts, one.thrusts)
+            assert (found.status, found.demand.shape) == (one.status, (4,))
+    assert [Status(each).name for each in batch.status] == ['INEXACT', 'INEXACT', 'SCALED']
+    within = allocator.allocate_within(
+        wrenches[0], np.full(6, 0.5), np.full(6, 3.9))
+    assert within.wrench[0] == pytest.approx(9.81)
+    assert (within.thrusts[[0, 1, 3, 4, 5]] >= 0.5).all()
+
+
+def test_without_any_rotor_all_answers_are_at_rest():
+    allocator = Exact(Vehicle.load('x8')).with_health(0.0)
+    answer = allocator.allocate([20.0, 0.0, 0.0, 0.0])
+    assert (answer.status, np.abs(answer.thrusts).max()) == (Status.INEXACT, 0.0)
+    assert allocator.problem.axes == ('thrust', 'roll', 'pitch', 'yaw')
+
+
+def test_a_lost_axis_is_served_last_whatever_the_order():
+    vehicle = Vehicle.load('hexarotor')
+    yaw_first = Exact(vehicle, order=['yaw', 'roll pitch', 'thrust'])
+    answer = yaw_first.with_health(health_without(6, 1)).allocate([9.81, 0.1, 0.0, 0.1])
+    np.testing.assert_allclose(answer.residual[:3], 0.0, atol=1e-9)
+
+
+def test_misuse_is_refused():
+    allocator = Exact(Vehicle.load('hexarotor'))
+    with pytest.raises(ParameterError, match=r'expected 1 or 6 numbers in \[0, 1\]'):
+        allocator.with_health([1.0, 0.0])
+    with pytest.raises(TypeError, match='no vehicle'):
+        Exact(AllocationProblem([[1.0, 1.0]], 0.0, 1.0)).with_health([1.0, 0.0])
+    with pytest.raises(TypeError, match=r"by keyword .*such as Exact\(vehicle, policy='scale'\)"):
+        Exact(Vehicle.load('hexarotor'), 'scale')
