@@ -142,7 +142,7 @@ docs: .venv/.docs
 	cp -r docs/*.md docs/*.rst docs/*.png docs/*.gif docs/conf.py docs/static docs/templates out/docs-source/docs
 	$(if $(page),sed -i 's#^!\[The explorer.*#<a href="explorer.html">&</a>#' out/docs-source/README.md)
 	.venv/bin/python -m sphinx -q -W --keep-going -b html out/docs-source/docs out/docs
-	$(if $(page),cp $(page) out/docs)
+	$(if $(page),sed 's#^<title>#<meta name="pages" content="index.html">&#' $(page) > out/docs/explorer.html)
 	@echo 'Written: out/docs/index.html'
 
 venv: .venv/.demo

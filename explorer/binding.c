@@ -11,9 +11,9 @@
 #define FIELD(type, name, dimensions) static type name dimensions; PART(type, name, name)
 #define FACETS 8192
 #define INDEPENDENCE_MIN 0.05
-#define SEGMENTS 64
+#define SEGMENTS 256
 
-enum method { EXACT, CLIPPED, COMPUTED_ONCE };
+enum method { EXACT, CLIPPED, COMPUTED_ONCE, ALL_AXES };
 
 /* What the page writes: a vehicle, the case, and a demand. */
 FIELD(int, n, ) FIELD(int, m, )
@@ -27,6 +27,7 @@ FIELD(ca_real, acceleration, [CA_N]) FIELD(ca_real, deceleration, [CA_N])
 FIELD(int, segments, ) FIELD(ca_real, segment, [SEGMENTS][4]) FIELD(ca_real, unit, )
 FIELD(ca_real, elapsed, ) /* time since hover; 0: any time */
 FIELD(ca_real, hover, [CA_M]) FIELD(ca_real, demand, [CA_M])
+FIELD(ca_real, asked, [CA_M]) /* the demand of all axes, also of those that `audit` gives up */
 static ca_options options = {.airmode_limited = 1, .reports_health = 1};
 PART(int, policy, options.policy) PART(int, order, options.order)
 PART(int, group, options.group) PART(int, keep_sense, options.keep_sense)
@@ -46,6 +47,7 @@ PART(int, cause, why.limit) PART(ca_real, served, why.served)
 PART(int, blocks, why.blocks) PART(int, airmode_blocks, why.airmode_blocks)
 
 static ca_problem problem, current, once; /* `current` without lost rotors, `once` with them */
+static ca_problem all_axes; /* of the axes before `audit` gave some up; m is 0 if it has no inverse */
 PART(ca_real, middle, current.center)
 
 static void speeds_of(const ca_real *f, ca_real *w)
@@ -99,11 +101,25 @@ static int independent(int without)
     return 1;
 }
 
+/* Set up a problem for the other methods, with the columns of lost rotors or without. */
+static int set_up(ca_problem *made, int columns)
+{
+    ca_options plain = {.policy = CA_REJECTED, .thrust = -1, .slack = options.slack};
+    ca_real matrix[CA_M * CA_N];
+    for (int i = 0; i < m * n; i++)
+        matrix[i] = columns || upper[i % n] > lower[i % n] ? gamma[i] : 0;
+    for (int k = 0; k < m; k++)
+        plain.order[k] = k;
+    return ca_set_up(made, n, m, matrix, lower, upper, &plain);
+}
+
 /* Give axes up until the others are independent, as `ca_ros.problem.audit` does: the first that
  * suffices, or else the first. */
 SHARED void audit(void)
 {
     static const int last_to_first[] = {3, 4, 5, 0, 1};
+    if (set_up(&all_axes, 0))
+        all_axes.m = 0;
     while (!independent(-1)) {
         int gone = -1, suffices = 0;
         for (int e = 0; e < 5; e++)
@@ -120,18 +136,6 @@ SHARED void audit(void)
             ca_copy(n, &gamma[(k + 1) * n], &gamma[k * n]);
         }
     }
-}
-
-/* Set up a problem for the other methods, with the columns of lost rotors or without. */
-static int set_up(ca_problem *made, int columns)
-{
-    ca_options plain = {.policy = CA_REJECTED, .thrust = -1, .slack = options.slack};
-    ca_real matrix[CA_M * CA_N];
-    for (int i = 0; i < m * n; i++)
-        matrix[i] = columns || upper[i % n] > lower[i % n] ? gamma[i] : 0;
-    for (int k = 0; k < m; k++)
-        plain.order[k] = k;
-    return ca_set_up(made, n, m, matrix, lower, upper, &plain);
 }
 
 static void find_facets(void)
@@ -238,7 +242,7 @@ static void pseudo_inverse(const ca_problem *p, const ca_real *u)
 {
     for (int i = 0; i < n; i++) {
         thrusts[i] = 0;
-        for (int j = 0; j < m; j++)
+        for (int j = 0; j < p->m; j++)
             thrusts[i] += p->basis[i][j] * ca_dot(j + 1, p->coordinates[j], u);
     }
 }
@@ -257,8 +261,10 @@ static void answer(int method)
         const ca_answer found = ca_allocate(&problem, demand, thrusts);
         status = found.status;
         level = found.level;
-    } else
-        pseudo_inverse(method == CLIPPED ? &current : &once, demand);
+    } else if (method == ALL_AXES && all_axes.m)
+        pseudo_inverse(&all_axes, asked);
+    else
+        pseudo_inverse(method == COMPUTED_ONCE ? &once : &current, demand);
     for (int i = 0; i < n; i++) {
         thrusts[i] = ca_clip(thrusts[i], lower[i], upper[i]);
         const ca_real below = 1e-12 * ca_max(1, ca_abs(lower[i]));

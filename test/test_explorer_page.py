@@ -1,4 +1,4 @@
-"""The explorer without a browser: its binding of the kernel in C, and files that it refuses."""
+"""The explorer without a browser: its binding of the kernel in C."""
 
 import ctypes
 import shutil
@@ -7,14 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 import ca_ros
-from ca_ros import Vehicle, explore
-from ca_ros.__main__ import main
+from ca_ros import Vehicle
 from ca_ros.allocation.slew import reached
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.vehicle.files import find
 
 KERNEL = Path(ca_ros.__file__).parent / 'kernel'
 BINDING = Path(__file__).resolve().parents[1] / 'explorer' / 'flight.c'  # includes binding.c
@@ -71,24 +68,3 @@ def test_rotors_reach_from_hover_what_their_rates_allow(name, elapsed, library):
     for bound, speeds in zip(('lower', 'upper'), limits, strict=True):
         np.testing.assert_allclose(
             numbers(library, bound, n), vehicle.thrusts(speeds), rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize(('table', 'curve'), [
-    ('throttles', {'throttles': [0.05, 0.5, 0.9], 'speeds': [0.0, 200.0, 400.0]}),
-    ('thrusts', {'speeds': [50.0, 100.0, 400.0], 'thrusts': [0.06, 0.3, 3.9]}),
-])
-def test_a_file_with_tables_of_thrust_is_refused_in_one_line(
-        table, curve, tmp_path, capsys, monkeypatch):
-    page = tmp_path / 'built.html'
-    page.write_text(explore.NO_VEHICLE, encoding='utf-8')
-    monkeypatch.setattr(explore, 'PAGE', page)
-    content = yaml.safe_load(find('hexarotor').read_text(encoding='utf-8'))
-    content['/**']['ros__parameters']['rotors']['thrust_curve'] = curve
-    file, out = tmp_path / 'measured.yaml', tmp_path / 'out.html'
-    file.write_text(yaml.safe_dump(content), encoding='utf-8')
-    assert main(['explore', str(file), '--out', str(out)]) == 1
-    [line] = capsys.readouterr().err.splitlines()
-    assert 'rotors.thrust_curve.' in line
-    assert 'does not read tables' in line
-    assert not out.exists()
-    assert main(['explore', 'hexarotor', '--out', str(out)]) == 0

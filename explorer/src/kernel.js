@@ -4,7 +4,7 @@ import {AXES, bounds} from './vehicle.js';
 
 const ROTORS = 32, POLICIES = {prioritize: 1, scale: 2, reject: 4};
 const STATUS = ['EXACT', 'PRIORITIZED', 'SCALED', 'INEXACT', 'REJECTED', 'INVALID', 'RATE_LIMITED'];
-const METHODS = ['exact', 'pseudo_inverse', 'fixed_pseudo_inverse'];
+const METHODS = ['exact', 'pseudo_inverse', 'fixed_pseudo_inverse', 'pseudo_inverse_of_all_axes'];
 
 const count = (size, make) => Array.from({length: size}, (_, i) => make(i));
 export const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
@@ -63,6 +63,7 @@ export async function loadKernel() {
 
   function allocate({n, gamma}, demand, method = 'exact') {
     rowOf.forEach((row, k) => row >= 0 && c.demand.fill(demand[k], row, row + 1));
+    set({asked: demand});
     exports.allocate(METHODS.indexOf(method));
     const thrusts = get('thrusts', n);
     return {

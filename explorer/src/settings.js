@@ -40,7 +40,7 @@ function given(text) {
   } catch (error) {
     throw new Error(`not readable YAML: ${String(error.message).split('\n')[0]}`);
   }
-  insist(!content?.problem, 'a problem without a vehicle, which has no rotors to show');
+  insist(!content?.problem, 'a problem without a vehicle: this page draws rotors; ca_ros attainable draws the set of a matrix');
   const found = {}, entries = (tree) => isMap(tree) ? Object.entries(tree) : [];
   const flatten = (tree, prefix) => entries(tree).forEach(([key, value]) => {
     const name = prefix + key;

@@ -4,7 +4,11 @@ import {check, FIELDS, insist, readSettings} from './settings.js';
 
 export const AXES = FIELDS['allocation.axes'].choices;
 export const ACCELERATION = 2000; // of rotors without a rate in the file [rad/s^2]
-const HEALTH_MIN = 1e-9, ROTORS_MAX = 32, APART_MAX = 2, WEIGHTS_MAX = 1e4, PREFERRED_MAX = 100;
+const HEALTH_MIN = 1e-9, ROTORS_MAX = 32, APART_MAX = 2, WEIGHTS_MAX = 1e4, PREFERRED_MAX = 100, SEGMENTS_MAX = 256;
+
+/** Why there is no page for vehicles whose rotors tilt. */
+export const TILTING = 'the set of their wrenches has curved walls, which this page cannot draw; ca_ros audit and ' +
+  'ca_ros attainable take them';
 
 const expect = (sound, name, expected) => insist(sound, `${name}: expected ${expected}`);
 
@@ -62,11 +66,9 @@ export function groups(name, order, axes) {
 /** Return a vehicle: what the kernel and the picture need, and `exact`, which a case can change. */
 export function readVehicle(text) {
   const [get, given] = readSettings(text), exact = (name) => get(`allocation.exact.${name}`);
-  for (const name of ['tilt_axes', 'gimbal', 'thrust_curve.speeds', 'thrust_curve.thrusts',
-    'thrust_curve.throttles']) {
+  for (const name of ['tilt_axes', 'gimbal']) {
     const without = [get(`rotors.${name}`)].flat().every((x) => x === 0);
-    expect(without, `rotors.${name}`,
-      'none: the explorer knows neither rotors that tilt nor tables of thrust');
+    insist(without, `rotors.${name}: rotors that tilt: ${TILTING}`);
   }
   const com = get('vehicle.center_of_mass');
   const arms = positions(get).map((place) => place.map((x, i) => x - com[i])), n = arms.length;
@@ -127,8 +129,10 @@ export function readVehicle(text) {
     slack: exact('residual_slack'), policy: exact('policy'), deviation: exact('thrust_deviation'),
     airmode: airmodeLimits('allocation.exact.airmode_limit', exact('airmode_limit')),
     order: groups('allocation.exact.order', exact('order'), axes),
+    given, spins: words, torque,
     source: JSON.stringify({'/**': {ros__parameters: given}}), // what a link has to carry, as YAML
   };
+  vehicle.fullThrusts = bounds(vehicle, Array(n).fill(1)).upper;
   const sizes = Object.values(bounds(vehicle, vehicle.health)).slice(0, 2).flat().map(Math.abs);
   const {weight, preferred} = vehicle, most = PREFERRED_MAX * Math.max(1, ...sizes);
   const even = Math.max(...weight) <= WEIGHTS_MAX * Math.min(...weight);
@@ -139,21 +143,51 @@ export function readVehicle(text) {
 
 /** Return the segments of a thrust curve, as ca_ros.vehicle.thrust_curve: start, a, b, c; none: k_f w^2. */
 function thrustCurve(get, forward, low, high, throttle) {
-  const name = 'rotors.thrust_curve.polynomial', least = Math.min(...low), top = Math.max(...high);
-  const polynomial = get(name);
-  if (polynomial === 0) return [];
+  const least = Math.min(...low), top = Math.max(...high), whole = 'rotors.thrust_curve';
+  const [polynomial, speeds, thrusts, throttles, pwm] = ['polynomial', 'speeds', 'thrusts', 'throttles', 'pwm']
+    .map((kind) => get(`${whole}.${kind}`)).map((value) => value === 0 ? undefined : [value].flat());
+  expect(!pwm || new Set(pwm).size > 1, `${whole}.pwm`, 'two different pulse widths');
+  expect(!(polynomial && thrusts), `${whole}.polynomial`, 'no thrusts beside it');
+  expect(speeds || !(thrusts || throttles), `${whole}.speeds`, 'those of thrusts and throttles');
   const alike = least >= 0 && forward.every((k) => k === forward[0]);
-  expect(alike, name, 'rotors with one thrust_coefficient that do not reverse');
+  expect(alike || !(polynomial || thrusts), whole, 'rotors with one thrust_coefficient that do not reverse');
+  const curve = polynomial ? polynomialCurve(polynomial, least, throttles ? top : throttle)
+    : thrusts ? tableCurve(points(speeds, 'thrusts', thrusts)) : [];
+  if (throttles) points(speeds, 'throttles', throttles);
+  expect(!speeds || Math.max(...speeds) >= top * (1 - 1e-9), `${whole}.speeds`, `speeds up to speed_max, ${top}`);
+  expect(curve.length <= SEGMENTS_MAX, `${whole}.thrusts`, `up to ${SEGMENTS_MAX} numbers`);
+  const apart = curve.length ? thrustAt(curve, top) / (forward[0] * top * top) : 1;
+  expect(apart >= 1 / APART_MAX && apart <= APART_MAX, whole, 'thrusts in the unit of thrust_coefficient');
+  return curve;
+}
+
+function polynomialCurve(polynomial, least, throttle) {
+  const name = 'rotors.thrust_curve.polynomial';
   expect(polynomial.length === 3, name, 'a, b and c');
   const [a, b, c] = polynomial, first = (a * least + b) * least + c;
   const rises = Math.min(2 * a * least + b, 2 * a * throttle + b) >= 0 && (a || b) &&
     (least > 0 ? first > 0 : c === 0);
   expect(rises, name, 'thrusts that are positive and increase from speed_min to full throttle');
   const curve = [[Math.max(least, 0), a, b, c]];
-  if (least > 0) curve.unshift([0, first / (least * least), 0, 0]);
-  const apart = thrustAt(curve, top) / (forward[0] * top * top);
-  expect(apart >= 1 / APART_MAX && apart <= APART_MAX, name, 'thrusts in the unit of thrust_coefficient');
-  return curve;
+  return least > 0 ? [[0, first / (least * least), 0, 0], ...curve] : curve;
+}
+
+function tableCurve([w, f]) {
+  expect((w[0] === 0) === (f[0] === 0), 'rotors.thrust_curve.thrusts', 'a thrust of 0 only at rest');
+  return w.slice(1).map((end, i) => {
+    const a = (f[i + 1] - f[i]) / (end * end - w[i] * w[i]);
+    return [w[i], a, 0, f[i] - a * (w[i] * w[i])];
+  });
+}
+
+/** Return speeds and values from rest on. */
+function points(speeds, kind, values) {
+  for (const [name, list] of [['speeds', speeds], [kind, values]]) {
+    const rises = list.length > 1 && list[0] >= 0 && list.every((x, i) => !i || x > list[i - 1]);
+    expect(rises, `rotors.thrust_curve.${name}`, 'two or more numbers from 0 on that increase');
+  }
+  expect(speeds.length === values.length, `rotors.thrust_curve.${kind}`, 'one for each speed');
+  return speeds[0] > 0 && values[0] > 0 ? [[0, ...speeds], [0, ...values]] : [speeds, values];
 }
 
 function thrustAt(curve, speed) {
