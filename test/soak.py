@@ -1,5 +1,7 @@
 """The long run: `make soak SOAK=600`, or `python test/soak.py --seconds 600`.
 
+`python test/soak.py test_node_health -k obeys` runs these tests alone.
+
 First `endurance.py`, then other tests in their longest forms.  The figures end in a table and in
 soak.json.
 """
@@ -43,12 +45,15 @@ def main():
     parser = argparse.ArgumentParser(prog='soak', description=__doc__.splitlines()[0])
     parser.add_argument('--seconds', type=float, default=600.0, help='at 500 Hz (default: 600)')
     parser.add_argument('--out', type=Path, default=HERE.parent / 'out' / 'soak', metavar='DIR')
+    parser.add_argument('-k', default='', help="the tests whose names match, as of pytest's -k")
+    parser.add_argument('files', nargs='*', default=SERIES, metavar='FILE')
     arguments = parser.parse_args()
     # Read when the tests are imported.
     os.environ |= {'CA_ROS_LONG': 'soak', 'CA_ROS_SOAK': str(arguments.seconds)}
-    files = [str(HERE / f'{name}.py') for name in SERIES]
+    files = [str(HERE / f'{name}.py') for name in arguments.files]
     figures = Figures()
-    code = pytest.main(['-q', '-p', 'no:cacheprovider', *files], plugins=[figures])
+    options = ['-q', '-p', 'no:cacheprovider', '-k', arguments.k]
+    code = pytest.main([*options, *files], plugins=[figures])
     arguments.out.mkdir(parents=True, exist_ok=True)
     results = {
         'date': datetime.now(timezone.utc).isoformat(timespec='seconds'),

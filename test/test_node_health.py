@@ -13,12 +13,20 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros import Vehicle
+from ca_ros import Exact, Vehicle
+from ca_ros.allocation.reconfiguration import Reconfiguration
+from ca_ros.nodes.rotors import Rotors
 from ca_ros.nodes.topics import STANDING
+from ca_ros.parameter_files import load
+from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.testing import Diagnostics, wrench
+from ca_ros.vehicle.files import shipped_tilting, shipped_vehicles
+from ca_ros.vehicle.settings import AXES
 from strategies import LONG, length, sixteen_rotors
 
 SIXTEEN = 'sixteen rotors'
+
+SHIPPED = sorted({**shipped_vehicles(), **shipped_tilting()})
 
 VEHICLES = length(
     ['hexarotor', 'hexarotor_tilting', SIXTEEN],
@@ -31,10 +39,24 @@ RATES = length([2000.0], [100.0, 1000.0, 5000.0])  # of the messages of a flood,
 CHANGES = length(6, 30, 200)  # of which that time is measured
 
 LATENCY_MAX = 0.005  # median from a message of health to the first command that obeys it [s]
+BUILD_MAX = 0.003  # audit, set-up and first answer, median for each lost rotor [s]
+AROUND = 0.05  # time before and after a message of health in which commands are watched [s]
+
+
+def demand(vehicle):
+    """Return a wrench (6,) near hover for which all rotors run: one that rests is lost."""
+    problem = problem_of(vehicle)
+    method, rng = Exact(problem), np.random.default_rng(0)
+    while True:
+        u = problem.reference + 0.1 * problem.extent * rng.uniform(-1.0, 1.0, len(problem.axes))
+        if (method.allocate(u).speeds != 0.0).all():
+            found = np.zeros(6)
+            found[[AXES.index(axis) for axis in vehicle.axes]] = u
+            return found
 
 
 class Flown:
-    """An allocator that is sent wrenches of hover, and the publisher of its health."""
+    """An allocator that is sent wrenches near hover, and the publisher of its health."""
 
     def __init__(self, graph, folder, vehicle, *words):
         self.graph, self.sent, self.answers = graph, 0, {}
@@ -43,7 +65,7 @@ class Flown:
             file = str(folder / 'sixteen.yaml')
             Path(file).write_text(yaml.safe_dump({'/**': {'ros__parameters': sixteen_rotors()}}))
         self.vehicle = Vehicle.load(file)
-        self.weight, self.n = self.vehicle.weight, self.vehicle.n
+        self.demand, self.n = demand(self.vehicle), self.vehicle.n
         self.health = graph.node.create_publisher(Float64MultiArray, 'rotor_health', STANDING)
         self.command = graph.publisher(WrenchStamped, 'command/wrench')
         self.speeds = graph.listen(Float64MultiArray, 'command/motor_speed')
@@ -67,7 +89,7 @@ class Flown:
     def rest(self):
         """Send a wrench; return the rotors that stand still in the newest answer, from 1."""
         self.sent += 1
-        message = wrench(self.weight, self.sent * 10**9, 'base_link')
+        message = wrench(self.demand, self.sent * 10**9, 'base_link')
         label = f'stamp {self.sent * 10**9}'
         self.graph.spin_until(
             lambda: self.speeds and self.speeds[-1].layout.dim[1].label == label,
@@ -150,39 +172,67 @@ def test_a_flood_of_health_ends_no_node_and_the_last_message_holds(
             'the last voltage')
 
 
-@pytest.mark.parametrize('vehicle', length(['hexarotor_tilting'], [
-    'hexarotor', 'hexarotor_tilted', 'octorotor', 'x8', 'rov', 'hexarotor_tilting', 'tricopter',
-    'omnidirectional_gimbals', 'azimuth_boat']))
+@pytest.mark.parametrize('vehicle', length(['hexarotor_tilting'], SHIPPED))
 def test_the_first_command_after_a_message_of_health_obeys_it_soon(
         graph, tmp_path, vehicle, record_property):
     flown, rate = Flown(graph, tmp_path, vehicle), 500.0
-    came, sent, delays, periods = [], None, [], []
+    came, delays, periods = [], [], []
 
     def receive(message):
         came.append((time.perf_counter(), np.array(message.data) == 0.0))
 
+    def spin(duration):
+        until = time.monotonic() + duration
+        graph.spin_until(lambda: time.monotonic() > until, 'a while')
+
     graph.node.create_subscription(Float64MultiArray, 'command/motor_speed', receive, 10)
     stamps = count(1)
     timer = graph.node.create_timer(1.0 / rate, lambda: flown.command.publish(
-        wrench(flown.weight, next(stamps) * 10**6, 'base_link')))
+        wrench(flown.demand, next(stamps) * 10**6, 'base_link')))
     graph.spin_until(lambda: len(came) > 100, 'commands')
     for k in range(CHANGES):
         lost = k % flown.n
-        until = time.monotonic() + 0.05
-        graph.spin_until(lambda until=until: time.monotonic() > until, 'a while')
+        flown.lose()
+        graph.spin_until(lambda lost=lost: not came[-1][1][lost], 'the rotor runs')
+        spin(AROUND)
         came.clear()
-        sent, before = time.perf_counter(), time.monotonic()
+        spin(AROUND)
+        sent = time.perf_counter()
         flown.lose(lost + 1)
-        graph.spin_until(
-            lambda lost=lost: came and came[-1][1][lost], 'a command that obeys')
-        assert time.monotonic() - before < 1.0
+        graph.spin_until(lambda lost=lost: came[-1][1][lost], 'a command that obeys')
+        spin(AROUND)
+        assert not any(resting[lost] for at, resting in came if at < sent)
         delays.append(next(at for at, resting in came if resting[lost]) - sent)
         periods += np.diff([at for at, _ in came]).tolist()
     timer.cancel()
-    for name, rank in (('p50', 50), ('p99', 99), ('worst', 100)):
-        record_property(f'{vehicle}: from a message of health to the first command that obeys it, '
-                        f'{name} [ms]', round(1e3 * float(np.percentile(delays, rank)), 1))
-    record_property(f'{vehicle}: longest time between two commands meanwhile [ms]',
-                    round(1e3 * float(max(periods, default=0.0)), 1))
+    assert max(delays) < 1.0
+    for what, times in (
+        ('from a message of health to the first command that obeys it', delays),
+        ('period of the commands from 50 ms before to 50 ms after', periods),
+    ):
+        ranks = ' / '.join(f'{1e3 * np.percentile(times, rank):.1f}' for rank in (50, 99, 100))
+        record_property(f'{vehicle}: {what}, p50 / p99 / worst [ms]', ranks)
     if LONG == 'soak':
         assert np.median(delays) < LATENCY_MAX
+
+
+@pytest.mark.parametrize('vehicle', length(['tricopter'], SHIPPED))
+def test_audit_set_up_and_first_answer_are_soon_done_for_each_lost_rotor(
+        vehicle, record_property):
+    """In a row, of the time of the processor: other work is not counted."""
+    belief = Reconfiguration(load(vehicle), lambda settings, report, _: Rotors(settings, report))
+    wrench_of_all, n = demand(belief.in_force.audit.vehicle), belief.in_force.made.n
+    took = np.empty((length(1, 5, 40), n))
+    for times in took:
+        for rotor in range(n):
+            begun = time.thread_time()
+            assert belief.report('rotor_health', np.float64(np.arange(n) != rotor))
+            made = belief.in_force.made
+            command = made.command(made.method.allocate(wrench_of_all[made.rows]))
+            times[rotor] = time.thread_time() - begun
+            assert command[rotor] == 0.0
+    each = np.median(took, axis=0)
+    record_property(f'{vehicle}: audit, set-up and first answer, worst rotor [ms]',
+                    f'{1e3 * each.max():.2f} (rotor {each.argmax() + 1})')
+    if LONG == 'soak':
+        assert each.max() < BUILD_MAX
