@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros import ParameterError, Vehicle
 from ca_ros.__main__ import main
-from ca_ros.px4 import motor_order
+from ca_ros.px4 import frames, motor_order
 from ca_ros.vehicle.formats import gazebo
 from ca_ros.vehicle.formats.urdf import read_urdf
 from nodes import refused
@@ -64,10 +64,13 @@ def test_the_order_of_the_motors():
             motor_order.order_of(wrong, 3)
 
 
-@pytest.mark.parametrize('wrong', [[1.0] * 5, [np.nan] * 6, [1e308] * 6, [-300.0] * 6])
-def test_speeds_that_are_none_of_the_vehicle_are_refused(wrong):
+@pytest.mark.parametrize('wrong', [
+    [100.0] * 5, [np.nan] * 6, [1e308] * 6, [-300.0] * 6, [400.0 * (1.0 + 1e-12)] * 6])
+def test_px4_gets_no_speeds_that_are_none_of_the_vehicle(wrong):
+    motors = frames.Motors(Vehicle.load('hexarotor'), [], 'thrust', 0.0)
+    motors.convert(np.array([400.0] * 6))
     with pytest.raises(ValueError, match='rotor speeds'):
-        motor_order.sound_speeds(wrong, Vehicle.load('hexarotor'))
+        motors.convert(np.array(wrong))
 
 
 def test_gazebo_takes_no_rotors_that_tilt():

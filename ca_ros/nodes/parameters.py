@@ -174,8 +174,6 @@ class Parameters:
     def _check(self, changes: Sequence[Parameter]) -> SetParametersResult:
         self._prepared = None
         given = {each.name: each.value for each in changes if each.name in self._fields}
-        if reason := refusal(each.to_parameter_msg() for each in changes):
-            return SetParametersResult(successful=False, reason=reason)
         if not given:
             return SetParametersResult(successful=True)
         try:

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array
-from ca_ros.px4.motor_order import ordered, sound_speeds
+from ca_ros.px4.motor_order import ordered
+from ca_ros.vehicle.command_bounds import CommandBounds
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.state import rotation_matrix
 from ca_ros.vehicle.thrust_curve import to_thrust
@@ -143,6 +144,8 @@ class Motors:
     ) -> None:
         self._vehicle, self._order = vehicle, order
         self._thrusts, self._factor = output == 'thrust', thrust_factor
+        # The allocator rounds within the bounds: see `Vehicle.speeds`.
+        self._bounds = CommandBounds(vehicle, rounding=0.0)
         self._greatest = vehicle.curve.thrust(vehicle.speed_max)
         full = vehicle.with_health(1.0).thrusts(vehicle.speed_max)
         self._forces = FLIP[:3] * (full[:, None] / full.sum()) * vehicle.rotor_axes
@@ -158,7 +161,8 @@ class Motors:
         `speeds` (n,): in the order of the vehicle's parameter file [rad/s]
         """
         vehicle = self._vehicle
-        sound_speeds(speeds, vehicle)
+        if fault := self._bounds.fault(speeds):
+            raise ValueError(fault[1])
         # With more than the nominal voltage, the allocator's speeds can be beyond full throttle.
         found = np.minimum(vehicle.curve.thrust(speeds) / self._greatest, 1.0)
         force = found @ self._forces

@@ -18,18 +18,20 @@ class CommandBounds:
     Rotors may stop, whatever their least speed.  A servo that sticks may be commanded.  The
     speeds are those with a full battery.
 
+    `rounding`: how far a command may exceed a bound; relative, of angles in rad.
+
     - `least` and `greatest` (n,): speeds of the motors [rad/s]
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, rounding: float = ROUNDING) -> None:
         least, greatest = vehicle.rated_speeds
         self._n, self._servos = vehicle.n, vehicle.servos.sound
         self.least, self.greatest = np.minimum(least, 0.0), greatest
         least, greatest = self._servos.limits
         lower = np.concatenate([self.least, least])
         upper = np.concatenate([self.greatest, greatest])
-        low = np.concatenate([self.least * (1.0 + ROUNDING), least - ROUNDING])
-        high = np.concatenate([self.greatest * (1.0 + ROUNDING), greatest + ROUNDING])
+        low = np.concatenate([self.least * (1.0 + rounding), least - rounding])
+        high = np.concatenate([self.greatest * (1.0 + rounding), greatest + rounding])
         self._what, self._expected = 'rotor speeds', f'{self._n}'
         if len(self._servos):
             self._what = 'rotor speeds and tilt angles'
@@ -38,7 +40,7 @@ class CommandBounds:
         # Lists are compared faster than short arrays.
         self._lower, self._upper = lower.tolist(), upper.tolist()
 
-    def fault(self, *parts: Sequence[float]) -> tuple[str, str] | None:
+    def fault(self, *parts: Sequence[float] | Array) -> tuple[str, str] | None:
         """Return why speeds, and angles, are no command: a key and a text; None if they are."""
         numbers, what = np.concatenate(parts), self._what
         if len(parts[0]) != self._n or numbers.shape != self._low.shape:
