@@ -199,7 +199,8 @@ def test_the_first_command_after_a_message_of_health_obeys_it_soon(
         spin(AROUND)
         sent = time.perf_counter()
         flown.lose(lost + 1)
-        graph.spin_until(lambda lost=lost: came[-1][1][lost], 'a command that obeys')
+        graph.spin_until(
+            lambda lost=lost: came and came[-1][1][lost], 'a command that obeys')
         spin(AROUND)
         assert not any(resting[lost] for at, resting in came if at < sent)
         delays.append(next(at for at, resting in came if resting[lost]) - sent)
