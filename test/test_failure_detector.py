@@ -20,7 +20,7 @@ from ca_ros.simulation.rigid_body import velocity_in_body
 from ca_ros.studies.cases import Case
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.motor_lag import lagged
-from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE
+from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 from strategies import HEXAROTOR, length
 
@@ -72,6 +72,60 @@ def test_a_lost_rotor_is_found_and_the_vehicle_flies_on(vehicle, n, rotor, delay
     assert detection.detector.probabilities[rotor - 1] >= 0.995
     assert np.linalg.norm(flight.position[-100:] - UP.position, axis=1).max() < 1.0
     assert np.flatnonzero(flight.speeds[-1] == 0.0).tolist() == [rotor - 1]
+
+
+@pytest.mark.parametrize(('vehicle', 'rotor', 'arm'), [('x8', 2, (1, 2)), ('y6', 5, (5, 6))])
+def test_an_arm_is_named_until_it_shows_which_rotor_has_failed(vehicle, rotor, arm):
+    case = Case.load(vehicle, REALISTIC)
+    lost = without(case.vehicle.n, **{f'rotor_{rotor}': 0.0})
+    flight, detection = flown(case, {2.0: lost}, 5.0)
+    (first, both), (_, one) = detection.found
+    assert first < 2.1e9
+    np.testing.assert_array_equal(
+        both, without(case.vehicle.n, **{f'rotor_{each}': 0.5 for each in arm}))
+    np.testing.assert_array_equal(one, lost)
+    sound = sum(arm) - rotor
+    assert detection.detector.since[sound - 1] is None
+    assert detection.detector.probabilities[rotor - 1] >= 0.995
+    assert np.linalg.norm(flight.position[-100:] - UP.position, axis=1).max() < 1.0
+    # Both engines find the same.
+    engines = both_engines(case.vehicle, case.flown.detector)
+    for time, *state, speeds in rows_of(flight)[:300]:
+        answers(engines, 'observe', time, *state)
+        answers(engines, 'command', time, speeds)
+        assert_equal(engines)
+    np.testing.assert_array_equal(engines[0].health, lost)
+
+
+def test_an_accelerometer_shows_a_loss_and_a_push():
+    # Off the centre of mass, at a place that is told.  A wrong one refuses nothing.
+    case, place = Case.load('hexarotor', REALISTIC[:-2]), np.array([0.05, -0.02, 0.01])
+    settings = replace(case.flown.detector, imu_position=place.tolist())
+    found = []
+    for lost in (True, False):
+        engines, plant = both_engines(case.vehicle, settings), case.plant()
+        hover = np.full(6, (case.vehicle.weight / case.vehicle.thrust_coefficient.sum()) ** 0.5)
+        before = plant.state
+        for i in range(230):
+            state, time = plant.measured, i * 10_000_000
+            change = (plant.state - before)[[3, 4, 5, 10, 11, 12]] / 0.01 * (i > 0)
+            omega, before = plant.state[ANGULAR_VELOCITY], plant.state
+            turn = rotation_matrix(plant.state[ATTITUDE])
+            force = turn.T @ (change[:3] + [0.0, 0.0, 9.81])
+            force += np.cross(change[3:], place) + np.cross(omega, np.cross(omega, place))
+            # A push upwards: it looks like no loss.
+            force[2] += 0.0 if lost or i < 200 else 3.0
+            motion = velocity_in_body(state), state[ANGULAR_VELOCITY]
+            answers(engines, 'observe', time, state[ATTITUDE], *motion, force)
+            answers(engines, 'command', time, hover)
+            assert_equal(engines)
+            if i == 200 and lost:
+                plant.body = case.body(without(6, rotor_1=0.0))
+            plant.step(hover)
+        found.append(engines[0].health.tolist())
+        with pytest.raises(ValueError, match='specific force .*: expected three numbers'):
+            engines[0].observe(10**10, LEVEL, np.zeros(3), np.zeros(3), np.full(3, np.nan))
+    assert found == [without(6, rotor_1=0.0).tolist(), [1.0] * 6]
 
 
 @pytest.mark.parametrize(('vehicle', 'angle', 'left'), [

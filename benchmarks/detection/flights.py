@@ -146,9 +146,14 @@ class Setup:
         vehicle = Vehicle.load(name)
         return cls(name, vehicle, believed(vehicle), **options)
 
-    def detector(self) -> Any:
-        """Return a detector with the settings, and its defaults otherwise."""
+    def detector(self, truth: Any = None) -> Any:
+        """Return a detector with the settings, and its defaults otherwise.
+
+        Of the truth it is told where the accelerometer is, to the centimetre.
+        """
         given = {'motor_time_constant': LAG, 'delay': DELAY, **self.settings}
+        if truth is not None:
+            given['imu_position'] = np.round(np.array(truth.imu), 2).tolist()
         return self.make(self.vehicle, DetectorSettings(**given))
 
     def partner(self, rotor: int) -> int | None:
@@ -170,7 +175,7 @@ def healthy(setup: Setup, name: str, condition: Condition, seeds: range) -> Coun
         truth, mission = condition.draw(setup.model, rng, DURATION)
         rows = kind(setup.model, truth, mission, int(rng.integers(2**63))).fly(DURATION)
         count.overturned += len(rows) < round(DURATION / PERIOD)
-        found = namings(setup.detector(), rows, setup.vehicle.n, setup.force)
+        found = namings(setup.detector(truth), rows, setup.vehicle.n, setup.force)
         count.add(rows, list(found))
     return count
 
@@ -225,20 +230,23 @@ def failing(
         duration = LOST[1] + NAMED + 3.0
         truth, mission = condition.draw(setup.model, rng, duration, failure)
         rows = Plant(setup.model, truth, mission, int(rng.integers(2**63))).fly(duration)
-        outcome = outcome_of(setup, rows, rotor)
+        outcome = outcome_of(setup, rows, rotor, truth)
         if outcome is not None:
             outcomes.append(outcome)
     return outcomes
 
 
-def outcome_of(setup: Setup, rows: Rows, rotor: int) -> Outcome | None:
-    """Return what the detector names in a flight; None if its rotor did not fail."""
+def outcome_of(setup: Setup, rows: Rows, rotor: int, truth: Any = None) -> Outcome | None:
+    """Return what the detector names in a flight; None if its rotor did not fail.
+
+    `truth`: see `Setup.detector`.
+    """
     failed = np.flatnonzero(rows['failed'])
     if not len(failed):
         return None
     begin = int(failed[0])
     rows = rows[:begin + round(NAMED / PERIOD) + 1]
-    found = list(namings(setup.detector(), rows, setup.vehicle.n, setup.force))
+    found = list(namings(setup.detector(truth), rows, setup.vehicle.n, setup.force))
     early = sum(i < begin for i, _ in found)
     after = next(((i, names) for i, names in found if i >= begin), None)
     parts = (after[1], (after[0] - begin) * PERIOD) if after else ()

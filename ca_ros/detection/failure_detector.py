@@ -8,7 +8,7 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.control.momentum_observer import GAP, RESTART, MomentumObserver
 from ca_ros.detection.detector_settings import DetectorSettings
-from ca_ros.detection.hypothesis_test import LIMIT, Finding, HypothesisTest
+from ca_ros.detection.hypothesis_test import LIMIT, TELLING, Finding, HypothesisTest
 from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.detection.noise_estimator import UsualMotion
 from ca_ros.detection.speed_residual import SlowRotors
@@ -65,6 +65,10 @@ class FailureDetector:
 
     `vehicle`: with the announced health.
 
+    Where the rotors of a coaxial pair cannot be told apart, the arm is named: each of both has
+    then lost half, so the arm gives what is expected if both get the same thrust.  What one of
+    them keeps comes back when the motion tells which one has failed.
+
     - `since`: when each rotor was found to have failed [ns]
     - `evidence`: what each failure was found by: 'motion' or 'rotor speed', or at which angle its
       servo sticks
@@ -92,7 +96,9 @@ class FailureDetector:
 
     @property
     def health(self) -> Array:
-        """The announced health, less what was found; it never grows until `reset`, (n,).
+        """The announced health, less what was found, (n,).
+
+        It does not grow until `reset`, but for that of a rotor of a named arm.
 
         A rotor whose servo sticks has none, if the vehicle can do without it.
         """
@@ -116,6 +122,7 @@ class FailureDetector:
         self.suspect: int | None = None
         self._slow.reset()
         self._refined: dict[int, float] = {}
+        self._arms: dict[tuple[int, int], int] = {}
         self._usual.reset()
         self._begin()
 
@@ -190,6 +197,8 @@ class FailureDetector:
             # When they failed is not known: the motion before shows nothing more.
             self._windows.forget()
         for rotor, share in failed:
+            for pair in [pair for pair in self._arms if rotor in pair]:
+                self._tell(rotor, sum(pair) - rotor)
             self._found[rotor] = 1.0
             self._fail(rotor, share * self.health[rotor], time, 'rotor speed')
         return bool(failed)
@@ -284,8 +293,9 @@ class FailureDetector:
         if recent:
             ages = {i: age + block for i, age in self._refined.items()}
             self._refined = {i: age for i, age in ages.items() if age < REFINED}
-        if not recent and max((windows.lacked**2 / spread).dot(ALL).tolist()) <= 2.0 * SUSPICION:
-            # No evidence exceeds half of this sum.
+        seen = 0.5 * max((windows.lacked**2 / spread).dot(ALL).tolist())
+        if not recent and not self._arms and seen <= SUSPICION:
+            # No evidence exceeds what is seen.
             self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
             self._probabilities = NOBODY
             self._learn(spread, moving, given)
@@ -294,20 +304,23 @@ class FailureDetector:
         own = slice(self.vehicle.n)
         errors = usual.model_errors(windows.ages, impulses[..., own], changes[..., own])
         found = self._find(
-            windows.ages, windows.lacked, impulses, windows.lateral, spread + errors, self.health)
+            windows.ages, windows.lacked, impulses, windows.lateral, spread + errors, self.health,
+            [i for pair in self._arms for i in pair])
         if found.greatest > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
             windows.forget()
             return False
+        suspected = found.greatest > SUSPICION or bool(recent or self._arms)
         changed = self._refine(found, recent)
-        suspected = found.greatest > SUSPICION or recent
+        changed = self._tell_arms(impulses, spread + errors) or changed
         self._waited = self._waited + block if suspected else 0.0
         self.suspect = found.rotor if found.evidence[found.rotor] > LIMIT else None
         self._learn(spread, moving, given)
         self._probabilities = found.probabilities
-        repeated = bool(found.named) and found.named == self._named
+        named = (*found.named, -1) if found.arm else found.named
+        repeated = bool(named) and named == self._named
         self._count = self._count + 1 if repeated else int(bool(found.named))
-        self._named = found.named
+        self._named = named
         if self._count < CONFIRMATIONS:
             return changed
         self._count = 0
@@ -317,14 +330,43 @@ class FailureDetector:
         longer = age / max(age - block, block)
         before = self.health
         for rotor, share in zip(found.named, found.lost.tolist(), strict=True):
-            if share * longer >= TOTAL * self.health[rotor]:
-                share = self.health[rotor]
-            self._found[rotor] = max(self.probabilities[rotor], CERTAIN)
+            whole = 0.5 * self.health[rotor] if found.arm else self.health[rotor]
+            if share * longer >= TOTAL * whole:
+                share = whole
+            self._found[rotor] = 0.5 if found.arm else max(self.probabilities[rotor], CERTAIN)
             if found.angle is None:
                 self._fail(rotor, share, time, 'motion')
             else:
                 self._stick(rotor, found.angle, time)
+        if found.arm:
+            self._arms[found.named[0], found.named[1]] = 0
+            for rotor in found.named:
+                del self._refined[rotor]
         return changed or not np.array_equal(self.health, before)
+
+    def _tell_arms(self, impulses: Array, variance: Array) -> bool:
+        """Tell which rotors of named arms have failed, where it shows; return whether it does."""
+        windows, told = self._windows, []
+        for pair, count in self._arms.items():
+            lost = self.vehicle.health[pair[0]] - self._delivered[pair[0]]
+            evidence = self._find.of_arm(
+                windows.lacked, impulses, windows.lateral, variance, *pair, lost)
+            sign = int(evidence > TELLING) - int(evidence < -TELLING)
+            self._arms[pair] = sign + count if sign * count > 0 else sign
+            if abs(self._arms[pair]) >= CONFIRMATIONS:
+                told.append(pair if sign > 0 else pair[::-1])
+        for failed, sound in told:
+            self._tell(failed, sound)
+        return bool(told)
+
+    def _tell(self, failed: int, sound: int) -> None:
+        """Let one rotor of a named arm have failed, and the other one be sound."""
+        lost = self.vehicle.health[failed] - self._delivered[failed]
+        del self._arms[min(failed, sound), max(failed, sound)]
+        self._reduce(failed, lost)
+        self._reduce(sound, -lost)
+        self._found[failed], self._found[sound] = CERTAIN, 0.0
+        self.since[sound], self.evidence[sound] = None, ''
 
     def _learn(self, spread: Array, moving: bool, given: Array) -> None:
         """Learn what is usual, unless a failure is suspected."""

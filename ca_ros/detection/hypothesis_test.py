@@ -1,5 +1,6 @@
 """The test for failures: what explains an impulse: lost thrust, a stuck servo, a disturbance."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log
 
@@ -80,6 +81,9 @@ LIMIT = 20.0
 ODDS = 5.3
 """Lead of the evidence over that of each other rotor: the odds of a probability of 0.995."""
 
+TELLING = 8.0
+"""Evidence for one rotor of a named arm against the other one."""
+
 MARGIN = 4.0
 """Lead of the evidence over that of a disturbance."""
 
@@ -127,6 +131,7 @@ class Finding:
     - `disturbance`: the same of a disturbance
     - `rotor`: the likeliest rotor
     - `named`: rotors that have failed with the wanted certainty
+    - `arm`: whether only one of both has failed, and which one does not show
     - `lost`: share of the thrust of a sound rotor that each has lost
     - `angle`: at which the servo of the named rotor sticks [rad]; None: the rotor has failed
     - `window`: the shortest likely one
@@ -138,6 +143,7 @@ class Finding:
     disturbance: float
     rotor: int
     named: tuple[int, ...]
+    arm: bool
     lost: Array
     angle: float | None
     window: int
@@ -171,10 +177,11 @@ class HypothesisTest:
 
     The evidence for each is the greatest logarithm of its Bayes factor against nothing in any
     window (Kass and Raftery, Bayes factors, J. American Statistical Association 90, 1995).  A
-    rotor is named if its evidence is over `LIMIT`, leads that of each other rotor but for the
-    partner of a coaxial pair by `ODDS`, and that of the disturbance by `MARGIN`.  Servos that
-    stick compete with the rotors: see `stuck_servos`.  If no rotor is named, all pairs are tested
-    whose loss cannot be a load, in the window in which a disturbance is likeliest.
+    rotor is named if its evidence is over `LIMIT`, leads that of each other rotor by `ODDS`, and
+    that of the disturbance by `MARGIN`.  If it does not lead its partner of a coaxial pair, the
+    arm is named, until `of_arm` tells which one has failed.  Servos that stick compete with the
+    rotors: see `stuck_servos`.  If no rotor is named, all pairs are tested whose loss cannot be a
+    load, in the window in which a disturbance is likeliest.
 
     - `vehicle`
     - `wrenches` (6, n): force and torque per thrust of each rotor
@@ -212,7 +219,7 @@ class HypothesisTest:
 
     def __call__(
         self, ages: Array, lacked: Array, given: Array, lateral: Array, variance: Array,
-        health: Array,
+        health: Array, arms: Sequence[int] = (),
     ) -> Finding:
         """Test windows.
 
@@ -221,7 +228,9 @@ class HypothesisTest:
         - `given` (T, 6, n + 2 s): the impulses of the rotors, see `CommandedRotors.given`
         - `lateral` (T, 2): see `signatures`
         - `health` (n,)
+        - `arms`: rotors of named arms, which are not named again
         """
+        held = np.isin(np.arange(len(health)), arms)
         n, everything = len(health), given
         given, error = self.signatures(given[:, :, :n], lateral)
         squares = lacked**2
@@ -262,7 +271,7 @@ class HypothesisTest:
         if (partner := self.partners[rotor]) is not None:
             rivals[partner] = 0.0
         named: tuple[int, ...] = ()
-        lost, angle = np.zeros(0), None
+        lost, angle, arm = np.zeros(0), None, False
         leads = best - rivals.max() > ODDS
         if best > LIMIT and best - disturbance > MARGIN:
             if stuck is not None:
@@ -272,14 +281,31 @@ class HypothesisTest:
                 likely = each[:, rotor] >= best - NEAR * best**0.5
                 window = int(np.where(likely, shares[:, rotor], -1.0).argmax())
                 share = shares[window, rotor]
-                if leads and share >= LEAST_LOSS * health[rotor]:
+                if leads and share >= LEAST_LOSS * health[rotor] and not held[rotor]:
                     named, lost = (rotor,), np.array([share])
+                    if partner is not None and best - evidence[partner] <= ODDS:
+                        arm, named = True, (min(rotor, partner), max(rotor, partner))
+                        lost = np.repeat(0.5 * share, 2)
         elif disturbance > LIMIT:
             named, lost = self._pair(
-                lacked[likeliest], variance[likeliest], given[likeliest], error[likeliest], health,
-                max(best + ODDS, disturbance + MARGIN))
+                lacked[likeliest], variance[likeliest], given[likeliest], error[likeliest],
+                np.where(held, 0.0, health), max(best + ODDS, disturbance + MARGIN))
         return Finding(
-            evidence, disturbance, rotor, named, lost, angle, window, raw[-1], errors[-1])
+            evidence, disturbance, rotor, named, arm, lost, angle, window, raw[-1], errors[-1])
+
+    def of_arm(
+        self, lacked: Array, given: Array, lateral: Array, variance: Array, rotor: int,
+        partner: int, lost: float,
+    ) -> float:
+        """Return the evidence that a rotor of a named arm has failed, less that of its partner.
+
+        `lost`: what both are taken to have lost.  Others: see `__call__`.
+        """
+        given, error = self.signatures(given[:, :, : len(self.partners)], lateral)
+        apart = lost * (given[:, :, rotor] - given[:, :, partner])
+        wider = variance + 4.0 * lost**2 * error[:, :, rotor]
+        ratios = -2.0 * (apart * lacked / wider).sum(axis=1)
+        return float(ratios[abs(ratios).argmax()])
 
     def _pair(
         self, lacked: Array, variance: Array, given: Array, error: Array, health: Array,

@@ -23,6 +23,7 @@
 #define DRAG_ERROR CA_REAL(0.5)
 #define LIMIT CA_REAL(20.0)
 #define ODDS CA_REAL(5.3)
+#define TELLING CA_REAL(8.0)
 #define MARGIN CA_REAL(4.0)
 #define PRIOR CA_REAL(6.25)
 #define PAIRED CA_REAL(0.1)
@@ -59,6 +60,11 @@ static ca_real settled(ca_real x)
     for (; halvings; halvings--)
         share *= 2 - share;
     return share;
+}
+
+static int most(int a, int b)
+{
+    return a > b ? a : b;
 }
 
 static int64_t distance(int64_t a, int64_t b)
@@ -285,6 +291,7 @@ typedef struct {
     ca_real evidence[CA_N];                /* for the loss of each rotor, of its best window */
     ca_real disturbance;                   /* the same for a disturbance */
     int rotor, window, names, named[2];    /* the likeliest rotor, and what is named */
+    int arm;                               /* whether one of the two that are named has failed */
     ca_real lost[2];
     ca_real shares[CA_N], errors[CA_N];    /* lost by each rotor alone in the longest window */
 } finding;
@@ -322,6 +329,8 @@ static void find_pair(const ca_detector *detector, const ca_block *window,
     for (int i = 0; i < n; i++)
         for (int j = i + 1; j < n; j++) {
             const ca_real levels[2] = {detector->health[i], detector->health[j]};
+            if (detector->arm[i] || detector->arm[j])
+                continue;
             ca_real a = 0, b = 0, ab = 0, aa = 0, bb = 0, rest = 0, ratio = 1;
             for (int k = 0; k < 6; k++) {
                 const ca_real v = variance[k] + PAIRED * (errors[i][k] + errors[j][k]);
@@ -440,7 +449,7 @@ static void test(const ca_detector *detector, const ca_block *windows,
         rotor = found->evidence[i] > found->evidence[rotor] ? i : rotor;
     const ca_real best = found->evidence[rotor];
     found->rotor = rotor;
-    found->names = 0;
+    found->names = found->arm = 0;
     found->window = likeliest;
     if (!(best > LIMIT && best - found->disturbance > MARGIN)) {
         if (found->disturbance > LIMIT)
@@ -458,11 +467,32 @@ static void test(const ca_detector *detector, const ca_block *windows,
     for (int i = 0; i < n; i++)
         if (i != rotor && i != partner_of(model, rotor) && best - found->evidence[i] <= ODDS)
             return;
-    if (share >= LEAST_LOSS * detector->health[rotor]) {
-        found->names = 1;
-        found->named[0] = rotor;
-        found->lost[0] = share;
+    if (share < LEAST_LOSS * detector->health[rotor] || detector->arm[rotor])
+        return;
+    const int partner = partner_of(model, rotor);
+    found->arm = partner >= 0 && best - found->evidence[partner] <= ODDS;
+    found->names = 1 + found->arm;
+    found->named[0] = rotor;
+    found->lost[0] = share;
+    if (found->arm) {
+        found->named[0] = rotor < partner ? rotor : partner;
+        found->named[1] = rotor < partner ? partner : rotor;
+        found->lost[0] = found->lost[1] = CA_REAL(0.5) * share;
     }
+}
+
+/* The evidence that a rotor of a named arm has failed, less that of its partner. */
+static ca_real of_arm(const ca_detector *detector, const ca_block *window,
+                      const ca_real *variance, int rotor, int partner)
+{
+    const ca_real lost = detector->announced[rotor] - detector->health[rotor];
+    ca_real given[6], others[6], error[6], ratio = 0;
+    signature_of(detector->model, window, partner, others, error);
+    signature_of(detector->model, window, rotor, given, error);
+    for (int k = 0; k < 6; k++)
+        ratio -= 2 * lost * (given[k] - others[k]) * window->impulse[k] /
+                 (variance[k] + 4 * lost * lost * error[k]);
+    return ratio;
 }
 
 /* The detector. */
@@ -539,6 +569,44 @@ static int refine(ca_detector *detector, const finding *found, ca_real block)
             reduce(detector, i, found->shares[i]);
             changed = 1;
         }
+    return changed;
+}
+
+/* Let one rotor of a named arm have failed, and the other one be sound. */
+static void tell(ca_detector *detector, int failed, int sound)
+{
+    const ca_real lost = detector->announced[failed] - detector->health[failed];
+    detector->arm[failed] = detector->arm[sound] = 0;
+    reduce(detector, failed, lost);
+    reduce(detector, sound, -lost);
+    detector->probabilities[failed] = CERTAIN;
+    detector->sound[sound] = 1;
+    detector->since[sound] = 0;
+    detector->evidence[sound] = CA_NONE;
+    detector->probabilities[sound] = 0;
+}
+
+/* Tell which rotor of a named arm has failed, where it shows; return whether the health changes. */
+static int tell_arms(ca_detector *detector, const ca_block *windows,
+                     const ca_real variance[CA_WINDOWS][6])
+{
+    int changed = 0;
+    for (int i = 0; i < ROTORS(detector->model); i++) {
+        const int partner = partner_of(detector->model, i);
+        if (!detector->arm[i] || partner < i)
+            continue;
+        ca_real best = 0;
+        for (int t = 0; t < CA_WINDOWS; t++) {
+            const ca_real each = of_arm(detector, &windows[t], variance[t], i, partner);
+            best = ca_abs(each) > ca_abs(best) ? each : best;
+        }
+        const int upper = best > TELLING, lower = best < -TELLING, count = detector->upper[i];
+        detector->upper[i] = upper ? most(count, 0) + 1 : lower ? -most(-count, 0) - 1 : 0;
+        if (detector->upper[i] < CONFIRMATIONS && -detector->upper[i] < CONFIRMATIONS)
+            continue;
+        tell(detector, upper ? i : partner, upper ? partner : i);
+        changed = 1;
+    }
     return changed;
 }
 
@@ -681,12 +749,13 @@ static void clear_suspicion(ca_detector *detector)
 /* Whether the same rotors were named in enough tests. */
 static int confirmed(ca_detector *detector, const finding *found)
 {
-    int same = found->names == detector->names;
+    int same = found->names == detector->names && found->arm == detector->named_arm;
     for (int k = 0; k < found->names; k++) {
         same = same && found->named[k] == detector->named[k];
         detector->named[k] = found->named[k];
     }
     detector->names = found->names;
+    detector->named_arm = found->arm;
     detector->count = found->names ? (same ? detector->count + 1 : 1) : 0;
     if (detector->count < CONFIRMATIONS)
         return 0;
@@ -716,10 +785,11 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         return 0;
     }
     sum_windows(detector, windows);
-    int refining = 0;
+    int refining = 0, telling = 0;
     for (int i = 0; i < n; i++) {
         detector->refined[i] += block;
         refining |= detector->refined[i] - block < REFINED;
+        telling |= detector->arm[i];
     }
     for (int t = 0; t < CA_WINDOWS; t++) {
         ca_real sum = 0;
@@ -734,7 +804,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         }
         greatest = ca_max(greatest, CA_REAL(0.5) * sum);
     }
-    if (!refining && greatest <= SUSPICION) {
+    if (!refining && !telling && greatest <= SUSPICION) {
         /* No score exceeds this sum. */
         clear_suspicion(detector);
         learn(detector, block, spread, windows, thrusts, moving);
@@ -748,8 +818,10 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         forget(detector, 0);
         return 0;
     }
-    const int changed = refine(detector, &found, block);
-    detector->waited = score > SUSPICION || refining ? detector->waited + block : 0;
+    int changed = refine(detector, &found, block);
+    if (telling)
+        changed |= tell_arms(detector, windows, (const ca_real(*)[6])variance);
+    detector->waited = score > SUSPICION || refining || telling ? detector->waited + block : 0;
     detector->suspect = found.evidence[found.rotor] > LIMIT ? found.rotor : -1;
     learn(detector, block, spread, windows, thrusts, moving);
     set_probabilities(detector, &found, score);
@@ -762,10 +834,18 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     for (int k = 0; k < found.names; k++) {
         const int rotor = found.named[k];
         ca_real share = found.lost[k];
-        if (share * longer >= TOTAL * detector->health[rotor])
-            share = detector->health[rotor];
-        detector->probabilities[rotor] = ca_max(detector->probabilities[rotor], CERTAIN);
+        const ca_real whole = found.arm ? CA_REAL(0.5) * detector->health[rotor]
+                                        : detector->health[rotor];
+        if (share * longer >= TOTAL * whole)
+            share = whole;
+        const ca_real likely = ca_max(detector->probabilities[rotor], CERTAIN);
+        detector->probabilities[rotor] = found.arm ? CA_REAL(0.5) : likely;
         fail(detector, rotor, share, time, CA_MOTION);
+        if (found.arm) {
+            detector->arm[rotor] = 1;
+            detector->upper[rotor] = 0;
+            detector->refined[rotor] = CA_UNBOUNDED;
+        }
     }
     return 1;
 }
@@ -782,6 +862,7 @@ void ca_detector_reset(ca_detector *detector)
         detector->slow[i] = 0;
         detector->sound[i] = 1;
         detector->refined[i] = CA_UNBOUNDED;
+        detector->arm[i] = 0;
     }
     detector->probabilities[ROTORS(model)] = 0;
     detector->suspect = -1;
@@ -856,6 +937,8 @@ int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *spee
         /* When it failed is not known: the motion before shows nothing more. */
         forget(detector, 0);
         memset(&detector->sums, 0, sizeof detector->sums);
+        if (detector->arm[i])
+            tell(detector, i, partner_of(model, i));
         detector->probabilities[i] = 1;
         fail(detector, i, (1 - kept * kept) * detector->health[i], time, CA_ROTOR_SPEED);
         changed = 1;

@@ -105,7 +105,8 @@ typedef struct {
     ca_real learnt[6], moments[4][6], drag[6], variance[CA_WINDOWS][6], mean_thrusts[CA_N];
     /* the test */
     ca_real flown, waited, unlearnt, usual, refined[CA_N];
-    int named[2], names, count, windows[CA_WINDOWS];
+    int named[2], names, named_arm, count, windows[CA_WINDOWS];
+    int arm[CA_N], upper[CA_N]; /* 1 for both of a named arm; tests in a row for one of the two */
     int sound[CA_N];
     ca_real thrusts[CA_N];
     int newest;
