@@ -111,7 +111,7 @@ def test_an_accelerometer_shows_a_loss_and_a_push():
             change = (plant.state - before)[[3, 4, 5, 10, 11, 12]] / 0.01 * (i > 0)
             omega, before = plant.state[ANGULAR_VELOCITY], plant.state
             turn = rotation_matrix(plant.state[ATTITUDE])
-            force = turn.T @ (change[:3] + [0.0, 0.0, 9.81])
+            force = turn.T @ (change[:3] + np.array([0.0, 0.0, 9.81]))
             force += np.cross(change[3:], place) + np.cross(omega, np.cross(omega, place))
             # A push upwards: it looks like no loss.
             force[2] += 0.0 if lost or i < 200 else 3.0
@@ -123,7 +123,7 @@ def test_an_accelerometer_shows_a_loss_and_a_push():
                 plant.body = case.body(without(6, rotor_1=0.0))
             plant.step(hover)
         found.append(engines[0].health.tolist())
-        with pytest.raises(ValueError, match='specific force .*: expected three numbers'):
+        with pytest.raises(ValueError, match=r'specific force .*: expected three numbers'):
             engines[0].observe(10**10, LEVEL, np.zeros(3), np.zeros(3), np.full(3, np.nan))
     assert found == [without(6, rotor_1=0.0).tolist(), [1.0] * 6]
 
