@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ca_ros import Vehicle
-from ca_ros.bringup import summary
+from ca_ros.bringup import report
 from ca_ros.bringup.flight import Flown
+from ca_ros.bringup.report import summarize
 from ca_ros.bringup.served import served
-from ca_ros.bringup.summary import summarize
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.simulation.closed_loop import fly
@@ -57,8 +57,8 @@ def flight_of(speeds):
 @pytest.fixture(autouse=True)
 def idle(monkeypatch):
     """Let the machine be idle, with two processors."""
-    monkeypatch.setattr(summary.os, 'cpu_count', lambda: 2)
-    monkeypatch.setattr(summary.os, 'getloadavg', lambda: (0.5, 0.0, 0.0))
+    monkeypatch.setattr(report.os, 'cpu_count', lambda: 2)
+    monkeypatch.setattr(report.os, 'getloadavg', lambda: (0.5, 0.0, 0.0))
 
 
 def test_an_undisturbed_flight_has_no_further_lines():
@@ -75,7 +75,7 @@ def test_the_tolerance_of_position_and_heading_is_that_of_the_user():
 
 
 def test_a_healthy_flight_that_is_too_short_does_not_blame_the_machine(monkeypatch):
-    monkeypatch.setattr(summary.os, 'getloadavg', lambda: (9.0, 0.0, 0.0))
+    monkeypatch.setattr(report.os, 'getloadavg', lambda: (9.0, 0.0, 0.0))
     for timeouts in (Counter(), Counter(controller=1)):
         *_, hint = lines(SHORT, timeouts=timeouts)
         assert re.fullmatch(
@@ -147,7 +147,7 @@ def test_timeouts_are_counted_and_hint_at_a_slow_machine():
 
 
 def test_a_busy_machine_is_hinted_at_in_real_time_alone(monkeypatch):
-    monkeypatch.setattr(summary.os, 'getloadavg', lambda: (7.25, 0.0, 0.0))
+    monkeypatch.setattr(report.os, 'getloadavg', lambda: (7.25, 0.0, 0.0))
     [hint] = lines()
     assert hint.startswith(f'{HINT} (load average 7.2 on 2')
     assert lines(parameters=file_values('hexarotor') | {'mode': 'lockstep'}) == []

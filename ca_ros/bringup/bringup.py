@@ -19,8 +19,8 @@ from ca_ros.bringup.flight import EndedEarlyError, Flown, Session
 from ca_ros.bringup.options import parse
 from ca_ros.bringup.plan import Plan
 from ca_ros.bringup.plots import draw_flight
+from ca_ros.bringup.report import summarize
 from ca_ros.bringup.served import Served, served
-from ca_ros.bringup.summary import summarize
 from ca_ros.errors import CaRosError, message
 from ca_ros.figures import save
 from ca_ros.nodes.executable import in_one_line
