@@ -16,9 +16,8 @@ from matplotlib import image
 
 from ca_ros import Vehicle
 from ca_ros.bringup import flight
-from ca_ros.bringup.agreement import check, differences
 from ca_ros.bringup.bringup import main, write_results
-from ca_ros.bringup.flight import Flown
+from ca_ros.bringup.flight import Flown, agreed
 from ca_ros.bringup.options import parse
 from ca_ros.errors import CaRosError
 from ca_ros.parameter_files import DECLARED
@@ -83,9 +82,9 @@ def test_it_judges_what_the_arguments_for_ros_make_it_fly(graph, tmp_path, monke
         graph, '--figures', 'svg', '--figure-width', 'column',
         '--ros-args', '--params-file', keyed, '-r', '__ns:=/a', '-p', 'mode:=lockstep')
     assert [line for line in err.splitlines() if line.startswith('bringup: ')] == [
-        'bringup: warning: the nodes have different vehicles: '
-        'the controller differs from the allocator in vehicle.gravity; '
-        'the simulator differs from the allocator in vehicle.mass']
+        'bringup: warning: the controller has another vehicle than other nodes: '
+        'see vehicle.gravity',
+        'bringup: warning: the simulator has another vehicle than other nodes: see vehicle.mass']
     [folder] = tmp_path.glob('flight_*')
     assert 'speed_8' in read(folder).dtype.names
     # A column has 88 mm: 249.4 points.
@@ -115,12 +114,15 @@ def flown_briefly(graph, *arguments):
     return err
 
 
-def test_only_parameters_that_both_nodes_declare_are_compared():
+def test_only_parameters_that_both_nodes_declare_are_compared(capsys):
     vehicle = file_values('hexarotor')
     parameters = dict.fromkeys(NODES, vehicle) | {'simulator': {'vehicle.name': 'hexarotor'}}
-    assert differences(parameters) == ''
+    agreed(parameters, {})
+    assert 'has another vehicle' not in capsys.readouterr().err
     parameters['simulator'] = {'vehicle.name': 'other'}
-    assert differences(parameters) == 'the simulator differs from the allocator in vehicle.name'
+    agreed(parameters, {})
+    said = 'warning: the simulator has another vehicle than other nodes: see vehicle.name\n'
+    assert said in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('node', ['allocator', 'simulator'])
@@ -128,11 +130,11 @@ def test_a_node_in_another_mode_is_refused(node):
     parameters = {
         name: file_values('hexarotor', kind=DECLARED[name]) | {'mode': 'lockstep'}
         for name in NODES}
-    check(parameters, {'mode': 'lockstep'})
+    agreed(parameters, {'mode': 'lockstep'})
     parameters[node]['mode'] = 'realtime'
     said = f'mode of the {node} is realtime, not lockstep: see the parameter files and the ROS arg'
     with pytest.raises(CaRosError, match=said):
-        check(parameters, {'mode': 'lockstep'})
+        agreed(parameters, {'mode': 'lockstep'})
 
 
 @pytest.mark.parametrize(('node', 'topic'), [
@@ -170,7 +172,7 @@ def test_a_node_with_the_name_of_another_is_named(graph, tmp_path):
 
 
 def test_without_markers_view_says_what_it_needs(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr('ca_ros.bringup.plan.MARKERS', None)
+    monkeypatch.setattr('ca_ros.bringup.options.MARKERS', None)
     assert main(['--view', '--out', str(tmp_path)]) == 1
     assert capsys.readouterr().err.startswith('bringup: --view: needs visualization_msgs: ')
 
@@ -181,7 +183,7 @@ def test_a_full_disk_is_reported_with_the_file(tmp_path, name):
     vehicle = file_values('hexarotor')
     flown = Flown(
         fly_offline('exact', 0.1), 0.1, Counter(), Counter(), Counter(), vehicle,
-        Vehicle.from_parameters(vehicle))
+        Vehicle.from_parameters(vehicle), {})
     with pytest.raises(OSError, match=f'^{tmp_path / name}: No space left on device$'):
         write_results(parse([]), tmp_path, flown)
 

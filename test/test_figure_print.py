@@ -12,7 +12,7 @@ import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure
 
-from ca_ros.bringup.plots import draw_flight
+from ca_ros.bringup.report import draw_flight
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.figures import HIGHEST, millimetres, save, style

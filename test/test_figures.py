@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ca_ros import Vehicle
-from ca_ros.bringup.plots import draw_flight
+from ca_ros.bringup.report import draw_flight
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.figures import COLORS, FORMATS, formats, millimetres, save

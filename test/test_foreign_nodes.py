@@ -9,7 +9,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from ca_ros.bringup.agreement import check, combined, not_compared
+from ca_ros.bringup.flight import agreed
 from ca_ros.bringup.options import parse
 from ca_ros.bringup.recorder import Recorder
 from ca_ros.bringup.scenario import Scenario
@@ -52,33 +52,33 @@ def test_a_program_that_does_not_exist_is_refused_at_once(command, capsys):
 
 def test_it_says_which_parameters_of_a_program_it_cannot_compare(capsys):
     parameters = {node: file_values('hexarotor', kind=DECLARED[node]) for node in NODES}
-    assert [*not_compared(parameters, {'mode': 'lockstep'})] == []
+    agreed(parameters, {'mode': 'realtime'})
+    assert capsys.readouterr().err == ''
     parameters['simulator'] = {}
     del parameters['controller']['vehicle.inertia']
-    assert [*not_compared(parameters, {'mode': 'lockstep'})] == [
-        'the controller does not declare vehicle.inertia: these cannot be compared',
-        'the simulator has no parameters: its mode and vehicle cannot be compared']
-    check(parameters, {})
-    assert 'the simulator has no parameters' in capsys.readouterr().err
+    agreed(parameters, {'mode': 'realtime'})
+    assert capsys.readouterr().err.splitlines() == [
+        'bringup: warning: the controller does not declare vehicle.inertia: these cannot be '
+        'compared',
+        'bringup: warning: the simulator has no parameters: its mode and vehicle cannot be '
+        'compared']
     with pytest.raises(CaRosError, match='no node declares the parameter mode'):
-        check({node: {} for node in NODES}, {})
+        agreed({node: {} for node in NODES}, {})
 
 
 def test_values_are_those_of_the_allocator_then_the_controller():
     parameters = {
-        'allocator': {'a': 1}, 'controller': {'a': 2, 'b': 2}, 'simulator': {'b': 3, 'c': 3}}
-    assert combined(parameters) == {'a': 1, 'b': 2, 'c': 3}
+        'allocator': {'a': 1}, 'controller': {'a': 2, 'b': 2}, 'simulator': {'mode': 3, 'b': 3}}
+    assert agreed(parameters, {}) == {'a': 1, 'b': 2, 'mode': 3}
 
 
-def scenario(planned=(), mode='lockstep', waypoints=1, recorder=None, delay=0.1, **simulator):
-    """Return the scenario of a flight of the hexarotor, with parameters of the simulator."""
-    parameters = {
-        node: file_values('hexarotor', kind=DECLARED[node]) | {'mode': mode} for node in NODES}
-    parameters['simulator'] = {f'simulator.{name}': value for name, value in simulator.items()}
+def scenario(planned=(), mode='lockstep', waypoints=1, recorder=None, delay=0.1, words=None):
+    """Return the scenario of a flight, with `simulator.failures` of the simulator."""
     trajectory = Trajectory(
         tuple(range(waypoints)), (Waypoint.of(0.0, 0.0, 1.0, 0.0),) * waypoints)
     failures = RotorFailures(tuple(planned), delay)
-    return Scenario(recorder, trajectory, failures, parameters, Vehicle.load('hexarotor'))
+    vehicle = Vehicle.load('hexarotor')
+    return Scenario(recorder, trajectory, failures, words, mode, vehicle)
 
 
 def test_a_plant_that_cannot_have_the_failures_is_refused():
@@ -88,11 +88,11 @@ def test_a_plant_that_cannot_have_the_failures_is_refused():
         with pytest.raises(CaRosError, match=r'not declare simulator\.failures, which --fail'):
             scenario(failing, mode)
         with pytest.raises(CaRosError, match=r"simulator is \['2@1'\], not \['1@1'\]"):
-            scenario(failing, mode, failures=['2@1'])
+            scenario(failing, mode, words=['2@1'])
     with pytest.raises(CaRosError, match=r'^simulator\.failures: 7@1: the vehicle has 6 rotors'):
-        scenario(failures='7@1')
+        scenario(words='7@1')
     # Those of a file are announced, too.
-    found = scenario(delay=0.2, failures='3@1=0.4').failures
+    found = scenario(delay=0.2, words='3@1=0.4').failures
     assert (str(found.failures[0]), found.announced_times) == ('3@1=0.4', [1_200_000_000])
 
 
@@ -106,7 +106,7 @@ def test_it_warns_of_a_program_that_cannot_be_told_of_failures(graph, capsys, mo
     monkeypatch.setattr(f'{Scenario.__module__}.HEARING', 0.5)
     recorder = graph.add_node(Recorder(context=graph.context))
     host(graph, 'allocator')
-    flying = scenario([RotorFailure(1, 1.0)], recorder=recorder, failures='1@1')
+    flying = scenario([RotorFailure(1, 1.0)], recorder=recorder, words='1@1')
     flying.begin(lambda: graph.spin_until(lambda: True, 'a moment'))
     assert capsys.readouterr().err == (
         'bringup: warning: the controller does not subscribe to rotor_health/announced: it is not '

@@ -92,13 +92,24 @@ def test_saturation_says_which_bound_each_rotor_is_at(client, thrust, sign):
         f'saturation {sign}', repeat=lambda: client.ask((0.0, 0.0, thrust, 0.0, 0.0, 0.0)))
 
 
-def test_the_diagnostics_say_what_limits_each_axis(client):
+def test_the_diagnostics_say_what_limits_each_axis(graph):
+    client = start(graph)
     client.ask((0.0, 0.0, 9.81, 0.0, 0.0, 3.0))
     values = client.diagnose()[1]
     assert values['roll served [%]'] == '100.0'
     assert float(values['yaw served [%]']) < 50.0
     assert 'rotor' in values['yaw limited by']
     assert float(values['margin of the last demand']) < 0.0
+    least = {key: values[f'least yaw served {key}'] for key in ('[%]', 'at [ns]', 'limited by')}
+    assert least == {'[%]': values['yaw served [%]'], 'at [ns]': f'{client.sent}000000007',
+                     'limited by': values['yaw limited by']}
+    # A lesser cut of another axis does not change it; an attainable wrench neither.
+    client.ask((0.0, 0.0, 9.81, 0.0, 0.0, 2.9))
+    client.ask((0.0, 0.0, 1e3, 0.0, 0.0, 0.0))
+    values = client.diagnose()[1]
+    assert {key: values[f'least yaw served {key}'] for key in least} == least
+    assert values['least thrust served limited by'].endswith('at their maximum, together')
+    assert not any(key.startswith('least roll') for key in values)
 
 
 def test_rotors_with_rates_go_no_further_than_they_reach(graph):

@@ -140,6 +140,8 @@ def test_what_it_cuts_off_the_demand_is_published_and_warned_of(client):
     cuts.cancel()
     assert counts(values)['cut'] >= 1
     assert 'yaw' in values['unallocated [N, N m]']
+    assert float(values['least yaw served [%]']) < 100.0
+    assert 'rotor' in values['least yaw served limited by']
     client.graph.spin_until(
         lambda: any('unallocated: ' in entry.msg for entry in client.log), 'a line in the log')
 

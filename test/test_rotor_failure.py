@@ -13,7 +13,7 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros import ALLOCATORS, ParameterError, Status, Vehicle, make_allocator
 from ca_ros.bringup.bringup import main as bringup
 from ca_ros.bringup.flight_options import failure_words
-from ca_ros.bringup.plan import Plan
+from ca_ros.bringup.options import Plan
 from ca_ros.control.controller import Controller
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint

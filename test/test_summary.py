@@ -10,11 +10,9 @@ import pytest
 from ca_ros import Vehicle
 from ca_ros.bringup import report
 from ca_ros.bringup.flight import Flown
-from ca_ros.bringup.report import summarize
-from ca_ros.bringup.served import served
-from ca_ros.control.trajectory import Trajectory
+from ca_ros.bringup.recorder import DEMANDED
+from ca_ros.bringup.report import served_of, summarize
 from ca_ros.control.waypoint import Waypoint
-from ca_ros.simulation.closed_loop import fly
 from ca_ros.simulation.record import Flight
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.studies.cases import Case
@@ -25,7 +23,7 @@ HINT = '  hint          the machine may be too slow for real time'
 PARAMETERS = file_values('hexarotor')
 SHORT = Flown(
     fly_offline('exact', 0.5), 0.5, Counter(), Counter(), Counter(), PARAMETERS,
-    Vehicle.from_parameters(PARAMETERS))
+    Vehicle.from_parameters(PARAMETERS), {})
 """A flight that is too short to reach its waypoint."""
 
 AWAY = replace(SHORT, flight=fly_offline('exact', 1.0, (-1.0, -1.0, 1.0, 0.0)))
@@ -70,7 +68,7 @@ def test_the_tolerance_of_position_and_heading_is_that_of_the_user():
     for goal, needed in (((0.1, 0.0, 0.0, 0.0), 0.1), ((0.0, 0.0, 0.0, np.radians(5.0)), 0.2)):
         for tolerance in (0.99 * needed, 1.01 * needed):
             _, reached = summarize(
-                replace(SHORT, flight=there), Waypoint.of(*goal), (), tolerance)
+                replace(SHORT, flight=there), Waypoint.of(*goal), None, tolerance)
             assert reached == (tolerance > needed)
 
 
@@ -115,29 +113,69 @@ def test_rotors_that_a_timeout_stops_are_within_bounds():
     assert bounds(slow, timeouts=timeouts, stops=True) == 'OUT OF'
 
 
-def test_what_was_cut_and_why_is_said():
-    goal = Trajectory.to(Waypoint.of(*GOAL))
-    whole = served(SHORT, goal)
-    assert whole.cuts == ()
-    np.testing.assert_array_equal(whole.shares, 1.0)
-    # Equal speeds of all rotors make no torque.
-    still = replace(SHORT.flight, speeds=np.full_like(SHORT.flight.speeds, 255.7))
-    for method, other in {'exact': 'a command that came late', 'direct': 'the method'}.items():
-        flew = PARAMETERS | {'allocation.method': method}
-        found = served(replace(SHORT, flight=still, parameters=flew), goal)
-        assert all(text.endswith(f'limited by {other}') for text in found.cuts)
-        np.testing.assert_allclose(found.shares[0, 1:], 0.0, atol=1e-9)
-    # Motors that take seconds.
-    slow = PARAMETERS | {'rotors.acceleration_max': 200.0}
-    vehicle = Vehicle.from_parameters(slow)
-    case = Case.load('hexarotor', ['rotors.acceleration_max:=200.0'])
-    flight = fly(
-        case.controller(), case.allocator('exact'), case.plant(), goal.first, 0.5)
-    flown = replace(SHORT, flight=flight, parameters=slow, vehicle=vehicle)
-    cuts = served(flown, goal).cuts
-    text, _ = summarize(flown, goal.first, cuts)
-    why = r'to 0 %, limited by rotors 1, 2, 3, 4, 5 at their rate\n'
-    assert re.search(rf'\n  cut           roll for 0\.22 s, at 0\.\d\d s {why}', text), text
+def wrenches_of(commanded, unallocated, residual, times=(0, 10_000_000, 20_000_000)):
+    """Return what the nodes tell of force and torque at these times [ns]."""
+    return {
+        name: dict(zip(times, rows, strict=True))
+        for name, rows in zip(DEMANDED, (commanded, unallocated, residual), strict=True)}
+
+
+HOVER, NONE = (0.0, 0.0, 9.81, 0.0, 0.0, 0.0), (0.0,) * 6
+ROLL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize('vehicle', ['hexarotor', 'hexarotor_tilting'])
+def test_what_was_served_of_the_demands_and_what_limited_the_rest_is_said(vehicle):
+    flight = Case.load(vehicle)
+    given = file_values(vehicle)
+    rest = np.zeros((3, 3))
+    angles = np.zeros((3, len(flight.vehicle.servos)))
+    flown = replace(
+        SHORT, parameters=given, vehicle=Vehicle.from_parameters(given), flight=Flight(
+            np.array([0.0, 0.01, 0.02]), rest, np.tile([0.0, 0.0, 0.0, 1.0], (3, 1)), rest, rest,
+            np.full((3, 6), 250.0), angles),
+        # Of 2 N m one is cut by the controller, and once the other by the allocator.
+        wrenches=wrenches_of(
+            [HOVER, np.add(HOVER, ROLL), np.add(HOVER, ROLL)], [NONE, ROLL, ROLL],
+            [NONE, NONE, ROLL]),
+        limits={'roll': 'rotor 1 at its maximum'})
+    served = served_of(flown)
+    assert served.axes == flown.vehicle.axes
+    expected = np.ones((3, len(served.axes)))
+    expected[1:, served.axes.index('roll')] = 0.5, 0.0
+    np.testing.assert_allclose(served.shares, expected, atol=1e-12)
+    assert served.cuts == (
+        'roll for 0.02 s, at 0.02 s to 0 %, limited by rotor 1 at its maximum',)
+    text, _ = summarize(flown, Waypoint.of(*GOAL), served)
+    assert f'\n  cut           {served.cuts[0]}' in text
+    # A node that does not say it gets no reason; one that says nothing no line.
+    [cut] = served_of(replace(flown, limits={})).cuts
+    assert cut == 'roll for 0.02 s, at 0.02 s to 0 %'
+    for name in DEMANDED[1:]:
+        assert served_of(replace(flown, wrenches={**flown.wrenches, name: {}})) is None
+    # A lost message leaves its sample out, and so does an axis that is given up.
+    for wrenches in flown.wrenches.values():
+        del wrenches[20_000_000]
+    served = served_of(flown)
+    assert np.isnan(served.shares[2]).all()
+    assert served.cuts[0].startswith('roll for 0.01 s, at 0.01 s to 50 %')
+
+
+def test_an_axis_that_is_given_up_has_no_share():
+    # Three rotors that are left turn in the same sense.
+    lost = RotorFailures(tuple(RotorFailure(i, 0.005) for i in (1, 3, 5)), 0.0)
+    flight = replace(SHORT.flight, **{
+        name: getattr(SHORT.flight, name)[:3] for name in vars(SHORT.flight)
+        if getattr(SHORT.flight, name) is not None})
+    flown = replace(
+        SHORT, flight=flight, failures=lost,
+        wrenches=wrenches_of([HOVER] * 3, [NONE] * 3, [NONE] * 3))
+    detected = {
+        'failures': replace(lost, announce=None), 'detected': dict.fromkeys((1, 3, 5), 0.005)}
+    for changes in ({}, detected):
+        shares = served_of(replace(flown, **changes)).shares
+        np.testing.assert_array_equal(shares[0], 1.0)
+        np.testing.assert_array_equal(shares[1:], [[1.0, 1.0, 1.0, np.nan]] * 2)
 
 
 def test_timeouts_are_counted_and_hint_at_a_slow_machine():

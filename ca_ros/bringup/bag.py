@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 from ca_ros.errors import CaRosError
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import stamp_of
-from ca_ros.nodes.topics import ROSOUT, offered, type_name
+from ca_ros.nodes.topics import ROSOUT, deep, type_name
 
 RECORDED: dict[str, type[Any]] = {topic.path: topic.kind for topic in topics.TOPICS}
 """The recorded topics; each of the relative ones has one publisher."""
@@ -59,7 +59,7 @@ class Bag:
         self._node = Node('bag', namespace=namespace, **without)
         for topic, kind in RECORDED.items():
             # The publishers offer the same, apart from the depth.
-            qos = offered('lockstep')
+            qos = deep()
             if topic == ROSOUT.path:
                 qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
             # Nobody calls it; `print` has no signature in Python 3.10, and rclpy wants one.

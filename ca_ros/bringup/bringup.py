@@ -16,11 +16,8 @@ from rclpy.validate_namespace import validate_namespace
 
 from ca_ros.bringup.bag import Bag
 from ca_ros.bringup.flight import EndedEarlyError, Flown, Session
-from ca_ros.bringup.options import parse
-from ca_ros.bringup.plan import Plan
-from ca_ros.bringup.plots import draw_flight
-from ca_ros.bringup.report import summarize
-from ca_ros.bringup.served import Served, served
+from ca_ros.bringup.options import Plan, parse
+from ca_ros.bringup.report import Served, draw_flight, served_of, summarize
 from ca_ros.errors import CaRosError, message
 from ca_ros.figures import save
 from ca_ros.nodes.executable import in_one_line
@@ -70,12 +67,10 @@ def _bringup(plan: Plan, out: Path, interrupts: list[int]) -> int:
     except EndedEarlyError as error:
         write_results(plan, out, error.flown)
         raise
-    foreign = 'controller' in plan.replacements
-    shares = None if foreign else served(flown, plan.trajectory)
-    cuts = () if shares is None else shares.cuts
-    summary, reached = summarize(flown, plan.trajectory.last, cuts, plan.tolerance)
+    served = served_of(flown)
+    summary, reached = summarize(flown, plan.trajectory.last, served, plan.tolerance)
     print(summary)
-    write_results(plan, out, flown, shares)
+    write_results(plan, out, flown, served)
     if bag:
         print(f'  bag           {bag}')
     return 0 if reached else 1
@@ -99,7 +94,7 @@ def _prepare(plan: Plan, out: Path) -> tuple[dict[str, list[str]], Bag | None]:
     return nodes, Bag(plan.bag) if plan.bag else None
 
 
-def write_results(plan: Plan, out: Path, flown: Flown, shares: Served | None = None) -> None:
+def write_results(plan: Plan, out: Path, flown: Flown, served: Served | None = None) -> None:
     """Write flight.csv and, if matplotlib is installed, the plot."""
     files = [out / 'flight.csv']
     with naming(files[0]):
@@ -109,7 +104,7 @@ def write_results(plan: Plan, out: Path, flown: Flown, shares: Served | None = N
         moments = flown.failures.moments(flown.detected.values())
         for form in plan.figures:
             figure = figure or draw_flight(
-                flown.flight, flown.vehicle, plan.trajectory, plan.figure_width, moments, shares)
+                flown.flight, flown.vehicle, plan.trajectory, plan.figure_width, moments, served)
             with naming(out / f'flight.{form}'):
                 files += save(figure, out / 'flight', [form])
     except ModuleNotFoundError as missing:

@@ -13,23 +13,32 @@ from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 
-from ca_ros.bringup.agreement import check, combined
 from ca_ros.bringup.bag import Bag
-from ca_ros.bringup.plan import FAILURES, Plan
+from ca_ros.bringup.options import FAILURES, Plan
 from ca_ros.bringup.recorder import Recorder
-from ca_ros.bringup.reports import Reports
 from ca_ros.bringup.scenario import Scenario
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.fault_proxy import PREFIX
 from ca_ros.nodes.link_faults import LINK_NAMES
 from ca_ros.nodes.topics import SPEEDS
+from ca_ros.parameter_files import DECLARED
+from ca_ros.process.diagnostics import Reports
 from ca_ros.process.processes import Deadline, Processes
+from ca_ros.settings import table
 from ca_ros.simulation.record import Flight
 from ca_ros.simulation.rotor_failures import RotorFailures
+from ca_ros.vehicle.settings import MovingVehicleSettings
 from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros_cli import NODES
 
 PROGRESS_TIMEOUT = 60.0  # time without progress after which a start or flight is given up [s]
 NOTICE = 10.0  # period of the lines that say what a flight waits for [s]
+VEHICLE = table(MovingVehicleSettings)
+REFERENCES = ('allocator', 'controller', 'simulator')  # of two values that of the first counts
+Parameters = Mapping[str, Mapping[str, Any]]  # values by node and name
+
+CUTTING = 'controller', 'allocator'  # the nodes that may not serve a demand in full
+
 LOOK_AROUND = 0.5  # time to discover other nodes before the start, and between later checks [s]
 
 
@@ -39,9 +48,11 @@ class Flown:
 
     `respawned` and `timeouts` count those of each node that had some.  `faults` counts the
     messages that the fault proxy received, and those with each fault.  `parameters` are those of
-    the nodes by name, see `combined`, and `vehicle` and `failures` are theirs.  `stops` tells
+    the nodes by name, see `agreed`, and `vehicle` and `failures` are theirs.  `stops` tells
     whether the timeout action of a node is to stop the rotors.  `detected` are the times of flight
-    at which the monitor found failures [s], by rotor, from 1.
+    at which the monitor found failures [s], by rotor, from 1.  `wrenches` are those of
+    `ca_ros.bringup.recorder.DEMANDED`, by the time of flight [ns], and `limits` says for each axis
+    that was cut what limited it.
     """
 
     flight: Flight
@@ -51,9 +62,11 @@ class Flown:
     faults: Counter[str]
     parameters: dict[str, Any]
     vehicle: Vehicle
+    wrenches: Mapping[str, Mapping[int, tuple[float, ...]]]
     failures: RotorFailures = field(default_factory=RotorFailures)
     stops: bool = False
     detected: Mapping[int, float] = field(default_factory=dict)
+    limits: Mapping[str, str] = field(default_factory=dict)
 
 
 class EndedEarlyError(CaRosError):
@@ -111,11 +124,12 @@ class Session:
             bag.listen(plan.namespace)
         self._wait(lambda: recorder.missing() + (bag.missing() if bag else []))
         parameters = recorder.parameters
-        check(parameters, plan.parameters)
-        common = combined(parameters)
+        common = agreed(parameters, plan.parameters)
         vehicle = Vehicle.from_parameters(common)
         recorder.samples.expect(vehicle.n, len(vehicle.servos))
-        scenario = Scenario(recorder, trajectory, plan.failures, parameters, vehicle)
+        scenario = Scenario(
+            recorder, trajectory, plan.failures, parameters['simulator'].get(FAILURES),
+            common['mode'], vehicle)
         if plan.respawn and scenario.failures.failures:
             raise CaRosError(f'--respawn: not with {FAILURES}, since it restarts the flight')
         scenario.begin(self._spin)
@@ -139,12 +153,15 @@ class Session:
             counts = self._processes.respawned, none, none
             raise EndedEarlyError(
                 str(error),
-                Flown(flight, wall, *counts, common, vehicle, scenario.failures)) from None
+                Flown(flight, wall, *counts, common, vehicle, recorder.demanded(duration),
+                      scenario.failures)) from None
         if bag:
             end = recorder.end(duration)
             self._wait(lambda: bag.behind(end))
         wall = time.monotonic() - began
         late = ['monitor'] * plan.detect + ['fault_proxy'] * (plan.faults is not None)
+        if recorder.cut():
+            late += [name for name in CUTTING if name not in plan.replacements]
         now = recorder.get_clock().now().nanoseconds
         self._wait(lambda: self._reports.missing(late, now))
         faults = self._reports.faults()
@@ -156,7 +173,8 @@ class Session:
         detected = {rotor: (time - start) / 1e9 for rotor, time in found.items()}
         counts = self._processes.respawned, self._reports.timeouts(), faults
         return Flown(
-            flight, wall, *counts, common, vehicle, scenario.failures, stops, detected)
+            flight, wall, *counts, common, vehicle, recorder.demanded(duration),
+            scenario.failures, stops, detected, self._reports.limits())
 
     def _lacking(self, topics: list[str], seconds: float) -> str:
         faults = self._reports.faults_of_nodes()
@@ -210,6 +228,39 @@ class Session:
                 f'{self._recorder.context.get_domain_id()}: end them, or choose another '
                 '--namespace or ROS_DOMAIN_ID (DDS lists a node that was killed with -9 for 20 s)'
             )
+
+
+def agreed(parameters: Parameters, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of all nodes by name: those of the first node of `REFERENCES`.
+
+    Raises a CaRosError if a node contradicts the options `asked` or the mode of another.  What
+    cannot be compared, and two vehicles, are warnings: model mismatch is a common experiment.
+    """
+    common: dict[str, Any] = {}
+    for node in reversed(REFERENCES):
+        common |= parameters[node]
+    if 'mode' not in common:
+        raise CaRosError('no node declares the parameter mode: one of ours must be there')
+    asked = {'mode': common['mode'], **asked}
+    for node in NODES:
+        own, names = parameters[node], (*asked, *VEHICLE)
+        for name, value in asked.items():
+            if (found := own.get(name, value)) != value:
+                where = 'see the parameter files and the ROS arguments'
+                raise CaRosError(f'{name} of the {node} is {found}, not {value}: {where}')
+        lacks = [name for name in names if name in table(DECLARED[node]) and name not in own]
+        differs = [name for name in VEHICLE if name in own and own[name] != common[name]]
+        if not own:
+            _warn(f'the {node} has no parameters: its mode and vehicle cannot be compared')
+        elif lacks:
+            _warn(f'the {node} does not declare {", ".join(lacks)}: these cannot be compared')
+        if differs:
+            _warn(f'the {node} has another vehicle than other nodes: see {", ".join(differs)}')
+    return common
+
+
+def _warn(text: str) -> None:
+    print(f'bringup: warning: {text}', file=sys.stderr)
 
 
 class Patience:

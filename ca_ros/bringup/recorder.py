@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
@@ -18,7 +18,13 @@ from ca_ros.control.waypoint import Waypoint
 from ca_ros.errors import CaRosError
 from ca_ros.nodes import topics
 from ca_ros.nodes.link_faults import LINK_NAMES
-from ca_ros.nodes.messages import announcement, speeds_stamp, stamp
+from ca_ros.nodes.messages import (
+    announcement,
+    nanoseconds,
+    speeds_stamp,
+    stamp,
+    wrench_numbers,
+)
 from ca_ros.nodes.topics import STANDING, Topic, deep
 from ca_ros.parameter_files import DECLARED
 from ca_ros.process.parameters import Call, ParameterClient
@@ -27,7 +33,14 @@ from ca_ros.process.samples import SAMPLED, Samples
 from ca_ros.settings import table
 from ca_ros.simulation.record import Flight
 
+DEMANDED = WRENCH, UNALLOCATED, RESIDUAL = tuple(
+    topic.path for topic in (topics.WRENCH, topics.UNALLOCATED, topics.RESIDUAL))
+"""The topics that tell what is demanded: commanded, cut by the controller, by the allocator."""
+
 PARAMETERS_MAX = 5.0  # longest wait for a program's parameters, when all else is there [s]
+OWN = topics.WRENCH.name, topics.SPEED_COMMAND.name  # links to which the recorder subscribes, too
+RECENT = 1000  # newest wrenches that matter before the flight, of which one becomes the first
+NOTHING = 1e-6  # size of what counts as served in full [N, N m]
 
 
 class Recorder(Node):
@@ -71,12 +84,15 @@ class Recorder(Node):
         # The deep queues of lockstep, so that no message is lost in real time either.
         quality = deep()
         self.samples = Samples()
+        self.wrenches: dict[str, dict[int, tuple[float, ...]]] = {name: {} for name in DEMANDED}
         receivers: dict[Topic, Callable[[Any], None]] = {
             topics.SPEED_COMMAND: self._receive_command,
             **{topic: partial(self.samples.add, topic.name) for topic in (*SAMPLED, topics.TILTS)},
         }
+        receivers |= {topic: partial(self._receive_wrench, topic.path)
+                      for topic in (topics.WRENCH, topics.UNALLOCATED, topics.RESIDUAL)}
         self._streams = [
-            (self.create_subscription(topic.kind, topic.name, receive, quality), receive)
+            (self.create_subscription(topic.kind, topic.path, receive, quality), receive)
             for topic, receive in receivers.items()
         ]
 
@@ -101,13 +117,16 @@ class Recorder(Node):
         if self.samples.start is None:
             # Before the flight only the newest samples matter, of which one becomes the first.
             self.samples.forget(1_000_000_000)
+            for stamps in self.wrenches.values():
+                while len(stamps) > RECENT:
+                    del stamps[next(iter(stamps))]
 
     def missing(self) -> list[str]:
         """Return the topics and services that are not connected yet."""
         lacking = [
             topic for topic in self._links if not self.count_publishers(topic)
-            # The recorder itself subscribes to the speeds that are commanded.
-            or self.count_subscribers(topic) <= (topic == topics.SPEED_COMMAND.name)
+            # The recorder itself subscribes to what is commanded.
+            or self.count_subscribers(topic) <= (topic in OWN)
         ]
         if not self._waypoint.get_subscription_count():
             lacking.append(topics.WAYPOINT.name)
@@ -206,6 +225,25 @@ class Recorder(Node):
     def flight(self, duration: float) -> Flight:
         """Return the complete samples of the first `duration` seconds."""
         return self.samples.flight(self.end(duration), origin=self.samples.start or 0)
+
+    def _receive_wrench(self, topic: str, message: WrenchStamped) -> None:
+        self.wrenches[topic][nanoseconds(message.header.stamp)] = wrench_numbers(message)
+
+    def cut(self) -> bool:
+        """Return whether a demand of the flight was not served in full."""
+        start = self.samples.start or 0
+        return any(
+            max(map(abs, wrench)) > NOTHING for name in (UNALLOCATED, RESIDUAL)
+            for time, wrench in self.wrenches[name].items() if time >= start
+        )
+
+    def demanded(self, duration: float) -> dict[str, dict[int, tuple[float, ...]]]:
+        """Return the wrenches of `DEMANDED` of a flight, by their times of flight [ns]."""
+        start, end = self.samples.start or 0, self.end(duration)
+        return {
+            name: {time - start: wrench for time, wrench in stamps.items() if start <= time <= end}
+            for name, stamps in self.wrenches.items()
+        }
 
     def _receive_command(self, command: Float64MultiArray) -> None:
         """Begin the flight also where the first command turns no rotor, as in neutral buoyancy."""

@@ -1,34 +1,50 @@
-"""The summary of a flight: whether the waypoint was reached and the rotors kept their bounds."""
+"""The report of a flight: a summary, what was served of the demands, and a plot."""
+
+from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.bringup.flight import Flown
-from ca_ros.bringup.plan import POSITION_TOLERANCE
+from ca_ros.bringup.options import POSITION_TOLERANCE
+from ca_ros.bringup.recorder import DEMANDED, RESIDUAL, UNALLOCATED
+from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
+from ca_ros.figures import DASHED, WIDTHS, draw_lines, line, mark, rotor_lines, sheet, style
 from ca_ros.problem.audit import audit
+from ca_ros.problem.limits import shares
 from ca_ros.simulation.record import Flight
+from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.state import difference
 from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
 
+if TYPE_CHECKING:
+    # bringup flies without matplotlib.
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 ANNOUNCED = 1.0  # time in which an announced failure takes effect in real time [s]
+CUT = 1e-3  # residual, as a share of half of the range of an axis, up to which it is not cut
 RECENT = 1.0  # time of the flight that shows whether the vehicle approaches its waypoint [s]
 
+NOWHERE = (np.nan,) * len(AXES)
 HEADING_TOLERANCE = math.radians(0.5) / 0.02  # of the heading, over that of the position [rad/m]
 
 
 def summarize(
-    flown: Flown, waypoint: Waypoint, cuts: Sequence[str] = (),
+    flown: Flown, waypoint: Waypoint, served: Served | None = None,
     tolerance: float = POSITION_TOLERANCE,
 ) -> tuple[str, bool]:
     """Return the summary of a flight, and whether the waypoint was reached.
 
-    Where yaw is lost, the position alone decides.  `cuts` are those of `Served`; `tolerance` is
-    that of the position [m], the heading has `HEADING_TOLERANCE` of it.
+    Where yaw is lost, the position alone decides.  `served`: see `served_of`.  `tolerance` is that
+    of the position [m], the heading has `HEADING_TOLERANCE` of it.
     """
     flight, mode = flown.flight, flown.parameters['mode']
     vehicle = flown.vehicle
@@ -56,7 +72,7 @@ def summarize(
     if len(vehicle.servos):
         ends = ', '.join(f'{angle + 0.0:.3f}' for angle in flight.angles[-1].round(3))
         lines.append(f'  tilt angles   {ends} rad at the end')
-    lines += [f'  cut           {text}' for text in cuts]
+    lines += [f'  cut           {text}' for text in (served.cuts if served else ())]
     lines += _failures(flown)
     weak = ', '.join(
         f'rotor {i + 1} lost' if health < HEALTH_MIN else f'rotor {i + 1} at {100.0 * health:g} %'
@@ -71,6 +87,64 @@ def summarize(
     if not reached:
         lines += _hint(flown, waypoint, 'yaw' in lost, tolerance)
     return '\n'.join(lines), reached
+
+
+@dataclass(frozen=True, eq=False)
+class Served:
+    """The shares (K, m) of the demands that were served, and a text for each axis that was cut.
+
+    A share is nan while its axis is given up, and where a message is missing.
+    """
+
+    axes: tuple[str, ...]
+    shares: Array
+    cuts: tuple[str, ...]
+
+
+def served_of(flown: Flown) -> Served | None:
+    """Return what was served of the demands; None if the nodes do not publish what they cut.
+
+    A demand is the wrench that was commanded, and what the controller had cut from it; the
+    residual of the allocator is not served.
+    """
+    flight, found = flown.flight, np.full((len(flown.flight.time), len(AXES)), np.nan)
+    if not (flown.wrenches[UNALLOCATED] and flown.wrenches[RESIDUAL]):
+        return None
+    times = np.round(flight.time * 1e9).astype(int)
+    commanded, unallocated, residual = (
+        np.array([flown.wrenches[name].get(time, NOWHERE) for time in times.tolist()])
+        for name in DEMANDED
+    )
+    demand, produced = commanded + unallocated, commanded - residual
+    events = [*flown.failures.announced_times, *(round(t * 1e9) for t in flown.detected.values())]
+    for start in sorted({0, *events}):
+        problem = audit(_believed(flown, start)).independent
+        later, rows = times >= start, [AXES.index(axis) for axis in problem.axes]
+        part = np.full((later.sum(), len(AXES)), np.nan)
+        part[:, rows] = shares(problem, demand[later][:, rows], produced[later][:, rows], CUT)
+        part[np.isnan(demand[later]) | np.isnan(produced[later])] = np.nan
+        found[later] = part
+    cut = np.nan_to_num(found, nan=1.0) < 1.0
+    step = float(np.median(np.diff(flight.time))) if len(flight.time) > 1 else 0.0
+    cuts = []
+    for k in np.flatnonzero(cut.any(axis=0)).tolist():
+        i = int(np.nanargmin(found[:, k]))
+        why = f', limited by {flown.limits[AXES[k]]}' if flown.limits.get(AXES[k]) else ''
+        cuts.append(f'{AXES[k]} for {step * cut[:, k].sum():.2f} s, at {flight.time[i]:.2f} s to '
+                    f'{100.0 * found[i, k]:.0f} %{why}')
+    rows = [AXES.index(axis) for axis in flown.vehicle.axes]
+    return Served(flown.vehicle.axes, found[:, rows], tuple(cuts))
+
+
+def _believed(flown: Flown, time: int) -> Vehicle:
+    """Return the vehicle as the nodes know it at a time of flight [ns]."""
+    known = flown.failures.known(flown.vehicle, time)
+    actual = flown.failures.after(flown.vehicle, time).health
+    health = known.health.copy()
+    for rotor, found in flown.detected.items():
+        if round(found * 1e9) <= time:
+            health[rotor - 1] = actual[rotor - 1] if actual[rotor - 1] < 1.0 else 0.0
+    return known.with_health(health)
 
 
 def _failures(flown: Flown) -> list[str]:
@@ -173,3 +247,74 @@ def _inside(commands: Array, vehicle: Vehicle) -> BoolArray:
     limits = zip(vehicle.speed_limits, vehicle.servos.limits, strict=True)
     low, high = map(np.concatenate, limits)
     return (commands >= low) & (commands <= high)
+
+
+def draw_flight(
+    flight: Flight, vehicle: Vehicle, trajectory: Trajectory, width: float = WIDTHS['page'],
+    moments: Mapping[str, Sequence[float]] | None = None, served: Served | None = None,
+) -> Figure:
+    """Plot position, attitude, rotor speeds and any tilt angles; waypoints and bounds are dashed.
+
+    If the served shares of the demands are known, they are the last row.  The figure has a width
+    [mm]; lines mark the moments, see `ca_ros.figures.mark`.
+    """
+    import matplotlib
+
+    with matplotlib.rc_context(style(width)):
+        servos = vehicle.servos
+        count = 3 + (len(servos) > 0) + (served is not None)
+        figure, body = sheet(1.0 + 2.0 * count)
+        rows = body.subplots(count, 1, sharex=True)
+        position, attitude, speeds = rows[:3]
+        mark(position, moments or {})
+        _draw(position, flight.time, flight.position, ('x', 'y', 'z'), 'position [m]')
+        goals, headings = trajectory.goals(flight.time)
+        position.plot(flight.time, goals, **DASHED)
+        _draw(
+            attitude, flight.time,
+            np.degrees(np.column_stack([flight.euler[:, :2], flight.heading])),
+            ('roll', 'pitch', 'heading'), 'angle [deg]',
+        )
+        attitude.plot(flight.time, np.degrees(headings), **DASHED)
+        looks = rotor_lines(vehicle.n)
+        _draw(speeds, flight.time, flight.speeds, looks, 'rotor speed [rad/s]')
+        if len(servos):
+            _draw_angles(rows[3], flight, servos.rotors, list(looks.values()))
+            for limit in np.unique(servos.limits):
+                rows[3].axhline(np.degrees(limit), **DASHED)
+        if served is not None:
+            _draw(rows[-1], flight.time, 100.0 * served.shares, served.axes, 'served [%]')
+            rows[-1].set_ylim(-5.0, 105.0)
+        for axes in rows[1:]:
+            mark(axes, moments or {})
+        for bound in np.unique([vehicle.speed_min, vehicle.speed_max]):
+            speeds.axhline(bound, **DASHED)
+        rows[-1].set_xlabel('time [s]')
+        speeds.set_xlim(flight.time[0], flight.time[-1])
+    return figure
+
+
+def _draw(
+    axes: Axes, time: Array, values: Array, names: Sequence[str] | Mapping[str, Any], label: str
+) -> None:
+    if not isinstance(names, Mapping):
+        names = {name: line(i) for i, name in enumerate(names)}
+    draw_lines(axes, time, values, names)
+    axes.set_ylabel(label)
+    axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))
+
+
+def _draw_angles(
+    axes: Axes, flight: Flight, rotors: list[int], looks: list[dict[str, Any]]
+) -> None:
+    """Draw the angle of each servo in its rotor's colour; the second one of a gimbal is dashed."""
+    first = [rotor not in rotors[:i] for i, rotor in enumerate(rotors)]
+    for i, rotor in enumerate(rotors):
+        axes.plot(
+            flight.time, np.degrees(flight.angles[:, i]), color=looks[rotor]['color'],
+            linestyle='-' if first[i] else '--',
+        )
+    axes.set_ylabel('tilt angle [deg]')
+    if not all(first):
+        names = ('outer ring', 'inner ring')
+        axes.legend(axes.lines[:2], names, loc='center left', bbox_to_anchor=(1.0, 0.5))

@@ -1,12 +1,10 @@
 """What happens at given times of a flight: waypoints, rotor failures and their announcements."""
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
-from ca_ros.bringup.agreement import combined
-from ca_ros.bringup.plan import FAILURES
+from ca_ros.bringup.options import FAILURES
 from ca_ros.bringup.recorder import Recorder
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.errors import CaRosError
@@ -27,18 +25,18 @@ class Scenario:
     In lockstep all is sent before the flight, with the stamps from which it holds, so all flights
     are the same.  In real time each message is sent when it is due, and holds at once.
 
-    - `failures`: those of the simulator, with the delay of the announcements of the plan
+    - `failures`: those of the simulator, with the delay of the announcements that are planned
 
-    The recorder sends; the parameters are by node and name.  Raises a CaRosError if failures are
-    planned that the simulator or the vehicle cannot have, or too many messages.
+    The recorder sends; `words` are the parameter `simulator.failures`, None if the simulator has
+    none.  Raises a CaRosError if failures are planned that the simulator or the vehicle cannot
+    have, or too many messages.
     """
 
     def __init__(
         self, recorder: Recorder, trajectory: Trajectory, planned: RotorFailures,
-        parameters: Mapping[str, Mapping[str, Any]], vehicle: Vehicle,
+        words: Sequence[str] | None, mode: str, vehicle: Vehicle,
     ) -> None:
         self._recorder, self._trajectory = recorder, trajectory
-        words = parameters['simulator'].get(FAILURES)
         if words is None and planned.failures:
             raise CaRosError(f'the simulator does not declare {FAILURES}, which --fail needs')
         self.failures = failures = planned
@@ -50,7 +48,7 @@ class Scenario:
             failures.check(vehicle)
         except ParameterError as error:
             raise CaRosError(f'{FAILURES}: {error}') from None
-        self._lockstep = combined(parameters)['mode'] == 'lockstep'
+        self._lockstep = mode == 'lockstep'
         self._events: list[tuple[int, Callable[[int], None]]] = sorted([
             *((time, partial(self._send_waypoint, time)) for time in trajectory.times[1:]),
             *((time, partial(self._announce, vehicle.n, time))

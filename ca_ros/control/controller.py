@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ca_ros.allocation.exact import Exact
-from ca_ros.allocation.result import Status
+from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.control.controller_settings import SIDEWAYS, ControllerSettings
 from ca_ros.control.momentum_observer import RESTART, MomentumObserver
@@ -52,7 +52,8 @@ class Controller:
     After states have ceased for two seconds, the estimate starts again from zero.
 
     `unallocated` (m,): the last demand minus the wrench that was served of it [N, N m]; zero if it
-    was attainable.  `disturbances`: the state of the integral action; None without one.  `rows`:
+    was attainable.  `answer`: what `Exact` answered to it; None if all rotors are lost.
+    `disturbances`: the state of the integral action; None without one.  `rows`:
     for each axis its component of force and torque (6,).
     """
 
@@ -68,6 +69,7 @@ class Controller:
         if not vehicle.powerless:
             given = {name: getattr(priorities, name) for name in table(PrioritiesSettings)}
             self._exact = Exact(self.problem, **given)
+        self.answer: Allocation | None = None
         self.unallocated = np.zeros(len(vehicle.axes))
         self.rows = [AXES.index(axis) for axis in vehicle.axes]
         sideways = set(SIDEWAYS) <= set(vehicle.axes)
@@ -134,7 +136,7 @@ class Controller:
         demand = self.demand(*state, waypoint)
         served = np.zeros(len(demand))
         if self._exact is not None:
-            answer = self._exact.allocate(demand)
+            self.answer = answer = self._exact.allocate(demand)
             served = demand if answer.status is Status.EXACT else answer.wrench
         self.unallocated = demand - served
         if self.disturbances is not None:

@@ -19,6 +19,7 @@ from ca_ros.allocation.settings import check_other_methods
 from ca_ros.arrays import Array
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.belief import Belief
+from ca_ros.nodes.cuts import Cuts, explained
 from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.messages import WrenchCommand, fill_speeds, speeds_message, wrench_message
 from ca_ros.nodes.parameters import Parameters
@@ -31,7 +32,6 @@ from ca_ros.vehicle.settings import ThrustCurveSettings
 from ca_ros.vehicle.validation import ABSURD
 
 ACKNOWLEDGED_MAX = 2.0  # longest wait for the motors to acknowledge the last command [s]
-EXPLAINED_MAX = 10000  # choices of rotors up to which answers are explained, in time
 LATENCIES = 5000  # number of latest latencies that the percentiles cover
 LOST = -2  # saturation of a lost rotor; one at its lower bound has -1
 REPEATS = 5  # repeats of the last command, since best-effort delivery is not acknowledged
@@ -64,6 +64,7 @@ class AllocatorNode(Node):
         self._durations: dict[str, float] = {}
         self._answer: Allocation | None = None
         self._held: WrenchCommand | None = None
+        self._cuts = Cuts()
         self._refused = -inf, ''
         self._latencies: deque[int] = deque(maxlen=LATENCIES)
         self.diagnostics = Diagnostics(self, 'allocation', self.hardware_id(settings))
@@ -81,7 +82,8 @@ class AllocatorNode(Node):
         self._offer()
         self.streams.subscribe(topics.WRENCH, self._serve, messages.read_wrench)
         self.diagnostics.start(
-            self._levels, self._values, self.streams, self.watchdog.watch, log=self.belief.log)
+            self._levels, self._values, self.streams, self.watchdog.watch, self._cuts.look,
+            log=self.belief.log)
         if find_spec('osqp') is None:
             known = 'allocation.method cannot be osqp; exact solves the same program'
             self.get_logger().info(f'osqp is not installed: {known}')
@@ -159,6 +161,7 @@ class AllocatorNode(Node):
             'audit': self.belief.audit,
             'level of the last answer': self._answer.level if self._answer else 1.0,
             **self._why(),
+            **self._cuts.values(),
             **self.belief.values(),
             **self._counts,
             **{
@@ -170,7 +173,7 @@ class AllocatorNode(Node):
     def _why(self) -> dict[str, object]:
         """Return what was served of each axis, and what limits it, for the last answer."""
         answer = self._answer
-        if answer is None or answer.problem.facet_choices > EXPLAINED_MAX:
+        if answer is None or not explained(answer):
             return {}
         why = answer.explanation
         found: dict[str, object] = {'margin of the last demand': f'{why.margin:.4g}'}
@@ -250,6 +253,8 @@ class AllocatorNode(Node):
             mode.remember(command, made, (answer, found))
             self._counts['served'] += 1
             self._latencies.append(perf_counter_ns() - began)
+        if status is not Status.EXACT:
+            self._cuts.add(time, answer)
         self._counts[status.name.lower()] += 1
         self._report(command, answer)
 

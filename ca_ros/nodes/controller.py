@@ -1,6 +1,6 @@
 """The controller node: state and waypoint in, wrench out."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from math import degrees, dist, hypot, inf
 from time import monotonic
@@ -19,6 +19,7 @@ from ca_ros.control.controller import Controller
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.belief import Belief
+from ca_ros.nodes.cuts import Cuts
 from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, wrench_message, wrong_frame
@@ -61,6 +62,7 @@ class ControllerNode(Node):
         self._standing: Subscription | None = None
         self._open = self._heard = False
         self._tilt, self._nearest = 0.0, inf
+        self._cuts = Cuts()
         self.diagnostics = Diagnostics(self, 'control', str(settings.vehicle.name))
         self._counts = self.diagnostics.counts
         self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._adopt)
@@ -79,7 +81,7 @@ class ControllerNode(Node):
         self.streams.subscribe(topics.POSE, self._receive_pose)
         self.streams.subscribe(topics.VELOCITY, self._receive_velocity)
         self.diagnostics.start(
-            self._levels, self._values, self.streams, self.watchdog.watch,
+            self._levels, self._values, self.streams, self.watchdog.watch, self._cuts.look,
             self._log_waypoint, log=self.belief.log)
 
     def _adopt(self) -> None:
@@ -122,7 +124,8 @@ class ControllerNode(Node):
 
     def _values(self) -> dict[str, object]:
         cut = self._components() or 'nothing'
-        return {**self.belief.values(), **self._counts, 'unallocated [N, N m]': cut}
+        told = {'unallocated [N, N m]': cut, **self._cuts.values()}
+        return {**self.belief.values(), **self._counts, **told}
 
     def _missing(self) -> str:
         since = monotonic() - self.watchdog.timeout
@@ -218,10 +221,13 @@ class ControllerNode(Node):
         try:
             by = self.controller, self.waypoint
             asked = None if self._mode.clocked else (time, *map(bytes, state))
-            wrench = self._mode.recall(time, asked, by)
-            if wrench is None:
-                wrench = self._six(self.controller.wrench(*state, self.waypoint, time))
-                self._mode.remember(asked, by, wrench)
+            found = self._mode.recall(time, asked, by)
+            if found is None:
+                wrench = self.controller.wrench(*state, self.waypoint, time)
+                found = wrench, self.controller.unallocated, self.controller.rows
+                self._mode.remember(asked, by, found)
+                if found[1].any() and self.controller.answer is not None:
+                    self._cuts.add(time, self.controller.answer)
         except ValueError as error:
             if first:
                 self.diagnostics.drop('state', f'state: {error}')
@@ -235,20 +241,14 @@ class ControllerNode(Node):
         self.watchdog.feed()
         self._counts['served' if first else 'served again'] += 1
         header = Header(stamp=self._pose.header.stamp, frame_id=settings.command_frame)
-        self._wrench.publish(wrench_message(wrench, header))
-        if self.controller.unallocated.any():
+        wrench, cut, rows = found
+        self._wrench.publish(wrench_message(six(wrench, rows), header))
+        if cut.any():
             self._counts['cut'] += 1
             what = f'the demand is not attainable; unallocated: {self._components()} [N, N m]'
             self.diagnostics.warn('cut', what)
         if self._unallocated.get_subscription_count():
-            cut = self._six(self.controller.unallocated)
-            self._unallocated.publish(wrench_message(cut, header))
-
-    def _six(self, wrench: Array) -> Array:
-        """Return force and torque (6,) of a wrench (m,) in the axes of the vehicle [N, N m]."""
-        numbers = np.zeros(len(AXES))
-        numbers[self.controller.rows] = wrench
-        return numbers
+            self._unallocated.publish(wrench_message(six(cut, rows), header))
 
     def _components(self) -> str:
         """Return the components of the last demand that are not allocated."""
@@ -257,6 +257,13 @@ class ControllerNode(Node):
             f'{axis} {component:+.3g}' for axis, component in zip(axes, cut, strict=True)
             if abs(component) > NOTHING
         )
+
+
+def six(wrench: Array, rows: Sequence[int]) -> Array:
+    """Return force and torque (6,) of a wrench (m,) with these components [N, N m]."""
+    numbers = np.zeros(len(AXES))
+    numbers[rows] = wrench
+    return numbers
 
 
 def _make(settings: Any, report: Audit, before: Controller | None) -> Controller:
