@@ -13,10 +13,12 @@ from ca_ros.allocation.direct import Direct
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.osqp import Osqp
 from ca_ros.allocation.pseudo_inverse import PseudoInverse
+from ca_ros.allocation.rates import limited
 from ca_ros.allocation.redistributed_pseudo_inverse import RedistributedPseudoInverse
-from ca_ros.allocation.reduced import allocator_for
+from ca_ros.allocation.reduced import after_failures, allocator_for
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.allocation.sequential_desaturation import SequentialDesaturation
+from ca_ros.allocation.slew import SlewLimited
 from ca_ros.allocation.weighted_least_squares import WeightedLeastSquares
 from ca_ros.allocation.weighted_pseudo_inverse import WeightedPseudoInverse
 from ca_ros.problem.audit import Audit, accept
@@ -133,6 +135,7 @@ def allocator_with(
 __all__ = [
     'ALLOCATORS', 'Allocation', 'AllocationBatch', 'AllocationProblem', 'Allocator',
     'BetaflightMixer', 'Conventional', 'Direct', 'Exact', 'Osqp', 'Powerless', 'PseudoInverse',
-    'RedistributedPseudoInverse', 'SequentialDesaturation', 'Status', 'WeightedLeastSquares',
-    'WeightedPseudoInverse', 'allocator_with', 'make_allocator', 'method_class',
+    'RedistributedPseudoInverse', 'SequentialDesaturation', 'SlewLimited', 'Status',
+    'WeightedLeastSquares', 'WeightedPseudoInverse', 'after_failures', 'allocator_with', 'limited',
+    'make_allocator', 'method_class',
 ]  # fmt: skip

@@ -90,6 +90,14 @@ class Allocator(ABC):
             self.problem.program.refuse_vectors(type(self).__name__, f'exact, {others}')
         self._set_up()
 
+    def __repr__(self) -> str:
+        """Return method, problem, engine and the settings other than the defaults."""
+        values = vars(self.settings) if isinstance(self.settings, Settings) else {}
+        usual = vars(type(self.settings)()) if values else {}
+        other = [f'{name}={value!r}' for name, value in values.items() if value != usual[name]]
+        return ', '.join([
+            f'{type(self).__name__}: {self.problem.described}', f'engine {self.engine}', *other])
+
     @classmethod
     def suited(cls, report: Audit, settings: Any) -> tuple[AllocationProblem, Any]:
         """Return the problem and the settings of the method for what an audit left of a vehicle.
@@ -144,10 +152,34 @@ class Allocator(ABC):
         >>> print(allocator.allocate([9.81, 0.1, 0.0, 0.0]))
         PRIORITIZED: thrust 9.81, roll 0.1, pitch 0, yaw 0.002882 of 0
         """
-        from ca_ros.allocation.reduced import after_failures
+        from ca_ros.allocation import after_failures
 
         report = audit(vehicle_of(self.problem).with_health(health))
         return after_failures(type(self), report, self.settings)
+
+    def within_rates(
+        self, rates: ArrayLike | None = None, braking: ArrayLike | None = None
+    ) -> Any:
+        """Return what allocates within what the effectors reach from the last command on.
+
+        Its ``allocate(u, last, period)`` is pure; see `SlewLimited`, and `TiltLimited` for
+        vehicles whose rotors tilt, which takes angles, too.
+
+        Parameters
+        ----------
+        rates, braking : float or (n,) array, optional
+            Greatest rates at which effectors grow and shrink [rad/s^2 for rotor speeds]; by
+            default those of the vehicle's file.
+
+        Raises
+        ------
+        ValueError
+            If there are no rates, or they are not positive.
+        """
+        from ca_ros.allocation import SlewLimited, limited
+
+        found = limited(self) if rates is None else None
+        return found or SlewLimited(self, rates, braking)
 
     def _set_up(self) -> None:  # noqa: B027 (most methods need it, not all)
         """Work out what all answers share, from `problem` and `settings`."""

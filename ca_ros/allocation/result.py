@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum, IntEnum
 from functools import cached_property
+from typing import Any, overload
 
 import numpy as np
 
@@ -95,7 +96,7 @@ class Answer:
         return certify(self.problem, self.demand, self.thrusts, self.preference, self.bounds)
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Allocation(Answer):
     """The thrusts for a demanded wrench.
 
@@ -167,6 +168,15 @@ class Allocation(Answer):
         )
         return f'{self.status.name}: {", ".join(parts)}'
 
+    def __repr__(self) -> str:
+        """Return the same, with the thrusts."""
+        size = np.array2string(self.thrusts, precision=4, separator=', ', max_line_width=10**6)
+        return f'Allocation: {self}; {self.problem.effector_kind} at {size}{self.problem.unit}'
+
+    def is_exact(self, tolerance: float) -> bool:
+        """Tell whether each axis is met to a share of half of its range (`problem.extent`)."""
+        return bool((np.abs(self.residual) <= tolerance * self.problem.extent).all())
+
     @cached_property
     def explanation(self) -> Explanation:
         """What was served of each axis, and what limits the rest; computed at the first access."""
@@ -178,7 +188,7 @@ class Allocation(Answer):
         return explain(problem, within, self.demand, self.thrusts, exact)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class AllocationBatch(Answer):
     """The thrusts for N demanded wrenches; attributes and properties have a leading N.
 
@@ -197,11 +207,41 @@ class AllocationBatch(Answer):
         """Return the number of wrenches."""
         return len(self.demand)
 
-    def __getitem__(self, i: int) -> Allocation:
-        """Return the answer to wrench i."""
+    @overload
+    def __getitem__(self, i: int) -> Allocation: ...
+    @overload
+    def __getitem__(self, i: slice) -> AllocationBatch: ...
+
+    def __getitem__(self, i: int | slice) -> Allocation | AllocationBatch:
+        """Return the answer to wrench i, or the answers of a slice as a batch."""
+        if isinstance(i, slice):
+            return replace(
+                self, demand=self.demand[i], thrusts=self.thrusts[i], status=self.status[i],
+                level=self.level[i], violation=self.violation[i])
         parts = self.demand[i], self.thrusts[i], Status(self.status[i])
         shares = float(self.level[i]), float(self.violation[i])
         return Allocation(self.problem, *parts, *shares, self.preference)
+
+    def is_exact(self, tolerance: float) -> BoolArray:
+        """Tell (N,) whether each axis is met; see `Allocation.is_exact`."""
+        near = np.abs(self.residual) <= tolerance * self.problem.extent
+        return np.asarray(near.all(axis=1))
+
+    def to_frame(self) -> Any:
+        """Return a pandas.DataFrame: status, demand and wrench of each axis, and the effectors."""
+        import pandas as pd
+
+        axes, names = self.problem.axes, self.problem.effector_names
+        kind = self.problem.effector_kind.removesuffix('s')
+        return pd.DataFrame({
+            'status': [Status(each).name for each in self.status],
+            **{f'demand_{axis}': self.demand[:, k] for k, axis in enumerate(axes)},
+            **dict(zip(axes, self.wrench.T, strict=True)),
+            **{f'{kind}_{name}': self.thrusts[:, i] for i, name in enumerate(names)}})
+
+    def __repr__(self) -> str:
+        """Return the same, with the problem."""
+        return f'AllocationBatch: {self}; {self.problem.described}'
 
     def __str__(self) -> str:
         """Return how many answers there are, and of which status."""

@@ -37,6 +37,10 @@ class AdmissibleSet:
         self.problem.check_volume()
         self._prioritizations: dict[object, AnyPrioritization] = {}
 
+    def __repr__(self) -> str:
+        """Return the problem of the set, in one line."""
+        return f'AdmissibleSet: {self.problem.described}'
+
     @cached_property
     def reference(self) -> Array:
         """The problem's reference if it is inside the set, else the centre (m,) [N, N m]."""

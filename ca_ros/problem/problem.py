@@ -294,6 +294,15 @@ class AllocationProblem:
         """Number of choices of m - 1 rotors; each may span a facet of `attainable_set`."""
         return self.program.facet_choices
 
+    @property
+    def described(self) -> str:
+        """The number of effectors and the axes, in words."""
+        return f'{len(self.sets.first)} {self.effector_kind}, axes {", ".join(self.axes)}'
+
+    def __repr__(self) -> str:
+        """Return the problem in one line."""
+        return f'{type(self).__name__}: {self.described}'
+
     @cached_property
     def has_volume(self) -> bool:
         """Whether the admissible set has a volume."""

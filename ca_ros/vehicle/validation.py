@@ -1,5 +1,6 @@
 """Checks of numbers and names that define a vehicle, a problem or an option."""
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import ArrayLike
 from ca_ros.arrays import Array, constant, floats
 from ca_ros.settings import ParameterError
 
+INERTIA_ROUNDING = 0.05  # how far a measured moment may exceed the sum of the others, a share
 ABSURD = 1e100  # greatest number of a wrench; larger ones are the caller's error [N, N m]
 WEIGHTS_MAX = 1e4  # greatest ratio of two weights
 
@@ -86,7 +88,12 @@ def inertia_matrix(inertia: ArrayLike) -> Array:
             f'vehicle.inertia: must be positive definite, got a principal moment of '
             f'{moments[0]:g} kg m^2'
         )
-    if moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-9):
+    excess = moments[2] / (moments[0] + moments[1]) - 1.0
+    if 1e-9 < excess <= INERTIA_ROUNDING:
+        warnings.warn(
+            f'vehicle.inertia: the greatest principal moment is {100.0 * excess:.2g} % above the '
+            'sum of the others; no body has such moments', stacklevel=2)
+    elif excess > 1e-9:
         raise ParameterError(
             f'vehicle.inertia: no body has the principal moments {moments}: '
             f'the greatest exceeds the sum of the others'

@@ -18,6 +18,7 @@ from ca_ros.setting_names import check_given
 from ca_ros.settings import MissingParameterError, ParameterError, read, table
 from ca_ros.vehicle import files
 from ca_ros.vehicle.geometry import rotor_axes, rotor_positions
+from ca_ros.vehicle.keywords import flat, parameters_of, ring_spins, text_of
 from ca_ros.vehicle.servos import Servos, servos_of
 from ca_ros.vehicle.settings import (
     AXES,
@@ -39,11 +40,54 @@ VOLTAGES = 0.5, 1.5  # what a battery can have, over its nominal voltage
 BOUND_ROUNDING = 1e-9  # how far a thrust may be out, over its bound or 1 N
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Vehicle:
     """A multirotor with n rotors, fixed to its body or tilting.
 
-    The body frame is forward-left-up (REP 103).  Use `load` or `from_parameters`, which validate.
+    The body frame is forward-left-up (REP 103).  `load` reads a file, `ring` places rotors on a
+    circle, `from_parameters` takes parameters by name.
+
+    Parameters
+    ----------
+    mass : float
+        [kg]
+    positions : (n, 3) array
+        x, y, z of each rotor, forward-left-up [m].
+    spins : sequence of 'cw' or 'ccw'
+        Sense of rotation of each rotor, seen from above.
+    yaw_torque_signs : sequence of 1 or -1, optional
+        Instead of `spins`: 1 for a rotor whose drag turns the vehicle to the left (positive yaw).
+    thrust_coefficient, torque_coefficient : float or (n,) array
+        k_f [kg m] and k_tau [kg m^2] of Eqs. (1)-(2): thrust and torque over squared speed.
+    speed_min, speed_max : float or (n,) array
+        Bounds of the rotor speeds, Eq. (7) [rad/s]; below zero for rotors that reverse.
+    inertia : (3,) or (3, 3) array, optional
+        About the centre of mass [kg m^2]; an allocator does without.
+    axes : sequence of str, optional
+        The commanded components of the wrench; by default thrust, roll, pitch and yaw.
+    rotor_axes : (3,) or (n, 3) array, optional
+        Directions of the thrusts; by default upwards.
+    **others
+        Any other of the parameters ``vehicle.*``, ``rotors.*`` and `lost_axes`, by the last part
+        of its name: ``gravity``, ``center_of_mass``, ``health``, ``tilt_axes``, ...
+
+    Raises
+    ------
+    ParameterError
+        If a value is missing, wrong, or has an unknown name.
+
+    Examples
+    --------
+    >>> vehicle = Vehicle(
+    ...     mass=1.0, positions=[(0.2, 0.2, 0), (-0.2, 0.2, 0), (-0.2, -0.2, 0), (0.2, -0.2, 0)],
+    ...     spins=['cw', 'ccw', 'cw', 'ccw'], thrust_coefficient=2.5e-5,
+    ...     torque_coefficient=5e-7, speed_min=40.0, speed_max=400.0)
+    >>> vehicle
+    Vehicle: 4 rotors, 1 kg, axes thrust, roll, pitch, yaw
+
+    Notes
+    -----
+    Attributes:
 
     - `mass` [kg], `gravity` [m/s^2] and `buoyancy` [N]
     - `inertia` (3, 3): about the centre of mass [kg m^2]; None is enough for an allocator
@@ -99,10 +143,56 @@ class Vehicle:
     acceleration_max: Array | None = None
     deceleration_max: Array | None = None
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self, *, mass: float | None = None, positions: ArrayLike | None = None,
+        spins: Any = None, thrust_coefficient: ArrayLike | None = None,
+        torque_coefficient: ArrayLike | None = None, speed_min: ArrayLike | None = None,
+        speed_max: ArrayLike | None = None, yaw_torque_signs: ArrayLike | None = None,
+        inertia: ArrayLike | None = None, axes: Sequence[str] | None = None, **others: Any,
+    ) -> None:
+        given = {
+            'mass': mass, 'spins': spins, 'thrust_coefficient': thrust_coefficient,
+            'torque_coefficient': torque_coefficient, 'speed_min': speed_min,
+            'speed_max': speed_max, 'inertia': inertia, 'axes': axes, **others}
+        if 'arms' in others:
+            # The attributes themselves, as `dataclasses.replace` passes them on.
+            self.__dict__.update(given)
+            self._freeze()
+            return
+        if yaw_torque_signs is not None and spins is not None:
+            raise ParameterError('yaw_torque_signs: given beside spins; expected one of them')
+        given |= {'positions': positions, 'yaw_torque_signs': yaw_torque_signs}
+        built = type(self).from_parameters(parameters_of(given))
+        self.__dict__.update(vars(built))
+
+    def _freeze(self) -> None:
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray) and not is_constant(value):
                 object.__setattr__(self, name, constant(value))
+
+    @classmethod
+    def ring(
+        cls, *, count: int, radius: float, first_angle: float = 0.0, height: float = 0.0,
+        spins: Sequence[str] | None = None, **others: Any,
+    ) -> Vehicle:
+        """Return a vehicle with its rotors on a circle, symmetric to the last bit.
+
+        The rotors are numbered counter-clockwise, seen from above; by default they turn clockwise
+        and counter-clockwise in turn, the first one clockwise.  Raises what the class raises.
+
+        - `count`: number of rotors
+        - `radius` and `height`: of the circle [m]
+        - `first_angle`: of the first rotor, from forward to the left [degrees]
+        - `others`: keywords of the class
+
+        >>> Vehicle.ring(
+        ...     count=6, radius=0.4, mass=1.0, thrust_coefficient=2.5e-5, torque_coefficient=5e-7,
+        ...     speed_min=40.0, speed_max=400.0)
+        Vehicle: 6 rotors, 1 kg, axes thrust, roll, pitch, yaw
+        """
+        circle = {
+            'count': count, 'radius': radius, 'first_angle': first_angle, 'height': height}
+        return cls(spins=ring_spins(count, spins), ring=circle, **others)
 
     @classmethod
     def load(cls, vehicle: str | Path, node: str | None = None) -> Vehicle:
@@ -125,10 +215,12 @@ class Vehicle:
     def from_parameters(cls, given: Mapping[str, Any]) -> Vehicle:
         """Build a vehicle from parameters by name, as in a parameter file.
 
-        Unknown names are ignored, except in the groups ``vehicle`` and ``rotors``, and those that
-        are similar to the vehicle's.  The inertia may be missing.  Raises a ParameterError that
-        names the key and the fault.
+        The names are dotted, ``vehicle.mass``, or of mappings in mappings.  Unknown names are
+        ignored, except in the groups ``vehicle`` and ``rotors``, and those that are similar to the
+        vehicle's.  The inertia may be missing.  Raises a ParameterError that names the key and the
+        fault.
         """
+        given = dict(pair for name, value in given.items() for pair in flat(name, value))
         groups = table(MovingVehicleSettings)
         check_given({name: given[name] for name in given if _concerns_vehicle(name)}, groups)
         moving = 'vehicle.inertia' in given
@@ -251,6 +343,75 @@ class Vehicle:
         except ParameterError as error:
             raise ParameterError(f'rotors.stuck_servos: {error}') from None
         return sound
+
+    def fail(self, rotor: int, health: float = 0.0) -> Vehicle:
+        """Return the same vehicle after the failure of a rotor, counted from 1 on.
+
+        Raises a ParameterError if there is no such rotor, or the health is not in [0, 1].
+        """
+        if not 1 <= rotor <= self.n:
+            raise ParameterError(f'no rotor {rotor}: the vehicle has rotors 1 to {self.n}')
+        return self.with_health(np.where(np.arange(self.n) == rotor - 1, health, self.health))
+
+    @property
+    def hover_speeds(self) -> Array:
+        """Rotor speeds (n,) with the least thrusts that carry the weight without torque [rad/s].
+
+        Raises a ValueError if the rotors cannot, or not within their bounds: `audit` says why.
+        """
+        gamma = self.wrenches[[AXES.index(axis) for axis in self.axes]] * ~self.lost
+        hover = np.array([self.weight * (axis == 'thrust') for axis in self.axes])
+        thrusts = np.linalg.pinv(gamma) @ hover
+        within = (thrusts >= self.thrust_min) & (thrusts <= self.thrust_max)
+        if not np.allclose(gamma @ thrusts, hover, atol=1e-9) or not (within | self.lost).all():
+            raise ValueError('no least-norm hover within the bounds of the rotors: see audit')
+        return self.speeds(np.where(self.lost, 0.0, thrusts))
+
+    def save(self, path: str | Path) -> None:
+        """Write a parameter file that `load` reads to the same vehicle.
+
+        Positions are relative to the centre of mass.  Raises a ValueError for what only its own
+        file describes: a thrust curve, the voltage of a battery, stuck servos.
+        """
+        curve = self.curve
+        measured = len(curve.starts) or len(curve.throttles) or curve.expo
+        if measured or curve.pwm != SQUARE.pwm or np.any(self.speed_max_per_volt):
+            raise ValueError('save: a vehicle with a thrust curve or a battery: keep its own file')
+        if self.servos.unstuck is not None:
+            raise ValueError('save: a vehicle with stuck servos: save the sound one')
+        servos, tilts = self.servos, len(self.servos) > 0
+        rotors: dict[str, Any] = {
+            'positions': self.arms, 'axes': self.rotor_axes,
+            'spins': ['cw' if sign > 0.0 else 'ccw' for sign in self.spins.tolist()],
+            'thrust_coefficient': self.thrust_coefficient,
+            'thrust_coefficient_reverse': self.thrust_coefficient_reverse,
+            'torque_coefficient': self.torque_coefficient,
+            'speed_min': self.speed_min, 'speed_max': self.speed_max,
+            'acceleration_max': self.acceleration_max, 'deceleration_max': self.deceleration_max,
+            'health': None if (self.health == 1.0).all() else self.health,
+        }
+        if tilts:
+            rotors |= {
+                'tilt_axes': servos.axes, 'tilt_min': servos.lower, 'tilt_max': servos.upper,
+                'gimbal': servos.gimbal, 'tilt_rate_max': servos.rate_max}
+        body = {
+            'mass': self.mass, 'gravity': self.gravity, 'buoyancy': self.buoyancy or None,
+            'inertia': self.inertia}
+        axes = {'axes': [*self.axes], 'lost_axes': self.lost_axes}
+        groups = {'vehicle': body, 'rotors': rotors, 'allocation': axes}
+        Path(path).write_text(text_of(groups), encoding='utf-8')
+
+    def __repr__(self) -> str:
+        """Return the vehicle in one line."""
+        lost = (np.flatnonzero(self.lost) + 1).tolist()
+        weak = (np.flatnonzero((self.health < 1.0) & ~self.lost) + 1).tolist()
+        parts = [f'{self.n} rotors', f'{self.mass:.4g} kg', f'axes {", ".join(self.axes)}']
+        if len(self.servos):
+            parts.insert(1, f'{len(self.servos)} servos')
+        for what, rotors in (('lost', lost), ('weak', weak)):
+            if rotors:
+                parts.append(f'{what}: {", ".join(map(str, rotors))}')
+        return f'Vehicle: {", ".join(parts)}'
 
     @property
     def idle_command(self) -> Array:

@@ -1,0 +1,106 @@
+"""A vehicle in code: its parameters from keywords, and its file."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ca_ros.settings import ParameterError
+from ca_ros.vehicle.settings import AxesSettings, MovingBodySettings, RotorSettings
+
+GROUPS = {
+    **{field.name: 'rotors' for field in fields(RotorSettings)},
+    **{field.name: 'vehicle' for field in fields(MovingBodySettings)},
+    **{field.name: 'allocation' for field in fields(AxesSettings)},
+}
+"""The group of each keyword; `axes` are those of the wrench, `rotor_axes` the directions."""
+
+SIGNS = (
+    '+1 is clockwise, seen from above, here and in rotorpy, and counter-clockwise in KM of PX4; '
+    "expected 'cw' or 'ccw' for each rotor, or yaw_torque_signs=[1, -1, ...]: 1 for a rotor whose "
+    'drag turns the vehicle to the left, which turns clockwise'
+)
+
+
+def parameters_of(keywords: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters by name, as in a parameter file, of keywords of `Vehicle`.
+
+    Values that are None are left out.  Raises a ParameterError that names the keyword and the
+    fault.
+    """
+    found: dict[str, Any] = {}
+    for name, value in keywords.items():
+        if value is None:
+            continue
+        if name in ('positions', 'rotor_axes'):
+            value = _rows(name, value)
+        elif name == 'spins':
+            value = _spins(value)
+        elif name == 'yaw_torque_signs':
+            name, value = 'spins', _turns(value)
+        group, key = ('rotors', 'axes') if name == 'rotor_axes' else (
+            GROUPS.get(name, 'rotors'), name)
+        for path, each in flat(f'{group}.{key}', value):
+            found[path] = _plain(each)
+    return found
+
+
+def flat(name: str, value: Any) -> list[tuple[str, Any]]:
+    """Return names and values of a mapping in mappings."""
+    if not isinstance(value, Mapping):
+        return [(name, value)]
+    return [pair for key, each in value.items() for pair in flat(f'{name}.{key}', each)]
+
+
+def ring_spins(count: int, spins: Sequence[str] | None) -> Sequence[str]:
+    """Return the spins of a ring; by default they alternate, the first one clockwise.
+
+    Raises a ParameterError if they cannot alternate.
+    """
+    if spins is None and count % 2:
+        raise ParameterError(f'spins: missing; those of {count} rotors cannot alternate')
+    return ['cw', 'ccw'] * (count // 2) if spins is None else spins
+
+
+def text_of(groups: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the text of a parameter file of values by group and name; None is left out."""
+    content = {
+        group: {name: _plain(value) for name, value in values.items() if value is not None}
+        for group, values in groups.items()}
+    return yaml.safe_dump(
+        {'/**': {'ros__parameters': content}}, default_flow_style=None, sort_keys=False)
+
+
+def _rows(name: str, value: Any) -> Any:
+    array = np.asarray(value, dtype=float)
+    if array.ndim != 2 and name == 'rotor_axes' and array.size == 3:
+        return array
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ParameterError(f'{name}: expected shape (n, 3), x, y, z of each rotor, forward-left-'
+                             f'up; got {array.shape}')
+    return array
+
+
+def _spins(value: Any) -> Any:
+    words = [value] if isinstance(value, str) else [*value]
+    if any(not isinstance(word, str) for word in words):
+        raise ParameterError(f'spins: got {words}: {SIGNS}')
+    return words
+
+
+def _turns(value: Any) -> list[str]:
+    signs = np.asarray(value, dtype=float).ravel()
+    if not np.isin(signs, (-1.0, 1.0)).all():
+        raise ParameterError(f'yaw_torque_signs: expected 1 or -1 for each rotor, got {value}')
+    return ['cw' if sign > 0.0 else 'ccw' for sign in signs.tolist()]
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as a file has it: numbers, words and lists of them."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.ravel().tolist() if np.ndim(value) else value.item()
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    return value

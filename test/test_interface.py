@@ -1,0 +1,163 @@
+"""The interface as a newcomer types it: vehicles in code, and what objects say of themselves."""
+
+import numpy as np
+import pytest
+
+from ca_ros import (
+    ALLOCATORS,
+    AdmissibleSet,
+    AllocationProblem,
+    Exact,
+    ParameterError,
+    Status,
+    Vehicle,
+    audit,
+)
+from ca_ros.vehicle.files import shipped_tilting, shipped_vehicles
+from strategies import ring
+
+ROTOR = {
+    'thrust_coefficient': 2.5e-5, 'torque_coefficient': 5e-7, 'speed_min': 40.0,
+    'speed_max': 400.0}
+SQUARE = [(0.2, 0.2, 0.0), (-0.2, 0.2, 0.0), (-0.2, -0.2, 0.0), (0.2, -0.2, 0.0)]
+SPINS = ['cw', 'ccw', 'cw', 'ccw']
+
+
+def quadrotor(**others):
+    return Vehicle(**{'mass': 1.0, 'positions': SQUARE, 'spins': SPINS, **ROTOR, **others})
+
+
+# Vehicles in code
+
+def test_a_vehicle_by_keywords_is_that_of_its_parameters():
+    flat = {
+        'vehicle.mass': 1.0, 'rotors.positions': np.ravel(SQUARE).tolist(), 'rotors.spins': SPINS,
+        **{f'rotors.{name}': value for name, value in ROTOR.items()}}
+    nested = {
+        'vehicle': {'mass': 1.0},
+        'rotors': {'positions': np.ravel(SQUARE).tolist(), 'spins': SPINS, **ROTOR}}
+    u = np.array([9.81, 0.2, -0.1, 0.05])
+    expected = Exact(Vehicle.from_parameters(flat)).allocate(u).speeds
+    for vehicle in (
+            quadrotor(), Vehicle.from_parameters(nested),
+            quadrotor(spins=None, yaw_torque_signs=[1, -1, 1, -1]),
+            quadrotor(positions=np.array(SQUARE), center_of_mass=[0.0, 0.0, 0.0])):
+        np.testing.assert_array_equal(Exact(vehicle).allocate(u).speeds, expected)
+
+
+def test_a_ring_is_that_of_the_shipped_hexarotor():
+    made = Vehicle.ring(count=6, radius=0.4, mass=1.0, inertia=[0.015, 0.015, 0.03], **ROTOR)
+    np.testing.assert_allclose(made.arms, ring(6), atol=1e-15)
+    np.testing.assert_array_equal(made.spins, [1, -1, 1, -1, 1, -1])
+    with pytest.raises(ParameterError, match='spins: missing; those of 5 rotors cannot alternate'):
+        Vehicle.ring(count=5, radius=0.4, mass=1.0, **ROTOR)
+
+
+@pytest.mark.parametrize(('wrong', 'fault'), [
+    ({'spins': [1, -1, 1, -1]}, r'\+1 is clockwise.*rotorpy.*KM of PX4.*yaw_torque_signs'),
+    ({'positions': np.zeros((7, 2))}, r'positions: expected shape \(n, 3\).*got \(7, 2\)'),
+    ({'positions': np.ravel(SQUARE)}, r'positions: expected shape \(n, 3\)'),
+    ({'spins': SPINS[:3]}, 'expected 4 words, one per rotor'),
+    ({'spinz': 3}, r'rotors\.spinz: no such parameter \(did you mean rotors\.spins\?\)'),
+    ({'yaw_torque_signs': [1, -1, 1, -1]}, 'yaw_torque_signs: given beside spins'),
+    ({'spins': None, 'yaw_torque_signs': [1, 2, 3, 4]}, 'expected 1 or -1 for each rotor'),
+    ({'mass': None}, r'vehicle\.mass: missing')])
+def test_a_wrong_keyword_is_refused_with_what_would_be_right(wrong, fault):
+    with pytest.raises(ParameterError, match=fault):
+        quadrotor(**wrong)
+
+
+def test_an_inertia_that_is_a_little_wrong_is_a_warning():
+    """As rotorpy's Crazyflie has it: 1 % more than the sum of the others."""
+    with pytest.warns(UserWarning, match=r'vehicle\.inertia: .* 1 % above the sum of the others'):
+        vehicle = quadrotor(inertia=[1e-2, 1e-2, 2.02e-2])
+    assert Exact(vehicle).allocate([9.81, 0, 0, 0]).status is Status.EXACT
+    with pytest.raises(ParameterError, match='no body has the principal moments'):
+        quadrotor(inertia=[1e-2, 1e-2, 2.2e-2])
+
+
+@pytest.mark.parametrize('name', sorted(shipped_vehicles() | shipped_tilting()))
+def test_a_saved_vehicle_is_read_again(name, tmp_path):
+    vehicle = Vehicle.load(name)
+    if 'thrust' in vehicle.axes and not len(vehicle.servos):
+        vehicle = vehicle.fail(1, 0.7)
+    if name == 'hexarotor_realistic':
+        with pytest.raises(ValueError, match='a thrust curve or a battery: keep its own file'):
+            vehicle.save(tmp_path / 'saved.yaml')
+        return
+    vehicle.save(tmp_path / 'saved.yaml')
+    again = Vehicle.load(tmp_path / 'saved.yaml')
+    for field, value in vars(vehicle).items():
+        if isinstance(value, np.ndarray):
+            np.testing.assert_allclose(getattr(again, field), value, rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(
+        vars(again.servos)['upper'], vars(vehicle.servos)['upper'], atol=1e-15)
+    assert again.axes == vehicle.axes
+
+
+def test_hover_speeds_and_failures_count_from_one():
+    vehicle = Vehicle.load('hexarotor')
+    # sqrt(9.81 / 6 / 2.5e-5), all alike.
+    np.testing.assert_allclose(vehicle.hover_speeds, np.sqrt(9.81 / 6 / 2.5e-5))
+    np.testing.assert_array_equal(
+        vehicle.fail(1).fail(3, 0.4).health, [0.0, 1.0, 0.4, 1.0, 1.0, 1.0])
+    for rotor in (0, 7):
+        with pytest.raises(ParameterError, match=f'no rotor {rotor}: .* rotors 1 to 6'):
+            vehicle.fail(rotor)
+    with pytest.raises(ValueError, match='see audit'):
+        _ = vehicle.fail(1).hover_speeds
+
+
+# What objects say
+
+def test_each_object_says_what_it_is_in_a_line():
+    vehicle = Vehicle.load('hexarotor')
+    allocator = Exact(vehicle, policy='scale')
+    answer = allocator.allocate([9.81, 0.0, 0.0, 0.0])
+    said = {
+        repr(vehicle): 'Vehicle: 6 rotors, 1 kg, axes thrust, roll, pitch, yaw',
+        repr(vehicle.fail(2)): 'Vehicle: 6 rotors, 1 kg, axes thrust, roll, pitch, yaw, lost: 2',
+        repr(allocator): 'Exact: 6 rotors, axes thrust, roll, pitch, yaw, '
+                         f"engine {allocator.engine}, policy='scale'",
+        repr(allocator.problem): 'VehicleProblem: 6 rotors, axes thrust, roll, pitch, yaw',
+        repr(AdmissibleSet(vehicle)): 'AdmissibleSet: 6 rotors, axes thrust, roll, pitch, yaw',
+        repr(AllocationProblem([[1.0, 1.0]], 0.0, 1.0)):
+            'AllocationProblem: 2 effectors, axes axis_1',
+        repr(answer): 'Allocation: EXACT: thrust 9.81, roll 0, pitch 0, yaw 0; rotors at '
+                      '[1.635, 1.635, 1.635, 1.635, 1.635, 1.635] N',
+    }
+    for found, expected in said.items():
+        assert found == expected
+    for each in (audit(vehicle), allocator.allocate_batch(np.eye(4)), answer.certificate,
+                 *(kind(vehicle) for kind in ALLOCATORS.values())):
+        assert len(repr(each)) < 800
+
+
+def test_batches_have_slices_and_frames():
+    allocator = Exact(Vehicle.load('hexarotor'))
+    wrenches = np.array([[9.81, 0.1 * k, 0.0, 0.0] for k in range(40)])
+    batch = allocator.allocate_batch(wrenches)
+    part = batch[10:20:3]
+    assert len(part) == 4
+    np.testing.assert_array_equal(part.thrusts, batch.thrusts[10:20:3])
+    frame = batch.to_frame()
+    assert list(frame.columns[:3]) == ['status', 'demand_thrust', 'demand_roll']
+    assert frame['status'].value_counts().to_dict() == {
+        'EXACT': int((batch.status == 0).sum()), 'PRIORITIZED': int((batch.status == 1).sum())}
+    np.testing.assert_array_equal(frame['rotor_3'], batch.thrusts[:, 2])
+    np.testing.assert_array_equal(frame['roll'], batch.wrench[:, 1])
+    # 1e-9 of half of each range is far above rounding, and below what is missed.
+    np.testing.assert_array_equal(batch.is_exact(1e-9), batch.status == 0)
+    assert [answer.is_exact(1e-9) for answer in batch] == (batch.status == 0).tolist()
+    assert batch[39].is_exact(1.0)
+
+
+def test_rates_by_a_method_of_the_allocator():
+    allocator = Exact(Vehicle.load('hexarotor'))
+    slow = allocator.within_rates(2000.0)
+    last = np.full(6, 255.7)
+    one, two = (slow.allocate([12.0, 0.2, 0.0, 0.0], last, 0.01) for _ in range(2))
+    assert np.abs(one.speeds - last).max() <= 20.0 + 1e-9
+    np.testing.assert_array_equal(one.thrusts, two.thrusts)
+    with pytest.raises(ValueError, match='give rates'):
+        allocator.within_rates()
