@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import psutil
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rcl_interfaces.msg import Log
@@ -28,8 +29,10 @@ from ca_ros.nodes.executable import parse
 from ca_ros.nodes.monitor import MonitorNode
 from ca_ros.nodes.simulator import SimulatorNode
 from ca_ros.nodes.viewer import ViewerNode
+from ca_ros.parameter_files import FileSettings
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.settings import table
 from ca_ros.simulation.closed_loop import fly
 from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
 from ca_ros.testing import DEADLINE, RELIABLE, Diagnostics, six, wrench
@@ -58,6 +61,20 @@ def fly_offline(method, duration, goal=GOAL, start=(0.0, 0.0, 0.0)):
 def read(folder):
     """Return flight.csv as an array with named columns."""
     return np.genfromtxt(folder / 'flight.csv', delimiter=',', names=True)
+
+
+def fly_over_ros(graph, folder, case, duration, *words):
+    """Fly a case with `bringup` in lockstep, with further words; return flight.csv."""
+    names = table(FileSettings)
+    own = {name: value for name, value in case.parameters.items() if name in names}
+    file = folder / 'vehicle.yaml'
+    file.write_text(yaml.safe_dump({'/**': {'ros__parameters': own}}), encoding='utf-8')
+    process = graph.start(
+        'bringup', '--figures', 'none', '--mode', 'lockstep', '--duration', repr(duration),
+        '--out', str(folder), '--vehicle', str(file), *words, exit_codes=(0, 1))
+    out, err = graph.outlive(process)
+    assert 'within bounds' in out, out + err
+    return folder / 'flight.csv'
 
 
 PACES = 1.0, 0.3, 0.1

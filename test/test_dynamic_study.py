@@ -13,7 +13,6 @@ from ca_ros import Vehicle
 from ca_ros.control.controller import Controller
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
-from ca_ros.errors import CaRosError
 from ca_ros.problem.audit import audit
 from ca_ros.simulation.closed_loop import fly
 from ca_ros.simulation.record import Flight
@@ -24,10 +23,9 @@ from ca_ros.studies.dynamic import study as dynamic_study
 from ca_ros.studies.dynamic.manoeuvres import median_of, share_of
 from ca_ros.studies.dynamic.metrics import Flights, metrics, sample_errors
 from ca_ros.studies.dynamic.plots import coinciding_groups
-from ca_ros.studies.dynamic.ros_flight import fly_over_ros
 from ca_ros.studies.dynamic.study import main
 from ca_ros.studies.dynamic.tables import observations
-from strategies import EVERY_EFFECT, HEXAROTOR, length, settings_of
+from strategies import HEXAROTOR, settings_of
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, math.radians(45.0))
 HOVER = 255.73423
@@ -337,47 +335,6 @@ def test_the_wrench_of_rotors_that_tilt_is_that_of_their_angles(name):
     assert sample_errors(turned, case.controller(), goal)['torque_error'].min() > 0.01
 
 
-# Over ROS
-
-@pytest.mark.long
-def test_over_ros_the_flights_are_the_same_to_the_last_bit(
-        graph, tmp_path, plain):
-    pytest.importorskip('rclpy')
-    # A parameter other than in the file has to reach the nodes too.
-    command = ['--duration', '1', '-p', 'controller.position_stiffness:=1.4']
-    # Neither whole milliseconds nor a whole number of steps in a second.
-    effects = EVERY_EFFECT | {
-        'simulator.time_step': 0.0133333333333, 'simulator.sub_steps': 4.0,
-        'simulator.command_delay': 0.01, 'simulator.state_delay': 0.02,
-        'controller.integral_gain': 0.5}
-    for name, value in effects.items():
-        command += ['-p', f'{name}:={value}']
-    methods = length('exact', 'exact,conventional')
-    path = tmp_path / 'square.csv'
-    path.write_text('t,x,y,z,heading\n0,1,0,1,0\n0.5,1,1,1,1.5\n0.9,0,1,1.5,-1.5\n')
-    command += ['--methods', methods, '--fail', '2@0.4=0.3', '--fail', '1@0.505=0.8',
-                '--announce', '0.25', '--trajectory', str(path)]
-    assert main([*command, '--out', str(tmp_path / 'offline')]) == 0
-    assert main([*command, '--ros', '--out', str(tmp_path / 'ros')]) == 0
-    flown = (tmp_path / 'ros' / 'dynamic.csv').read_bytes()
-    assert flown == (tmp_path / 'offline' / 'dynamic.csv').read_bytes()
-    assert metrics_of(tmp_path / 'ros')['flown'].startswith('over ROS')
-
-
-@pytest.mark.parametrize('given', ['--params-file x8.yaml', '-p vehicle.mass:=2.0'])
-def test_parameters_are_not_given_by_arguments_for_ros(given, tmp_path, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(['--out', str(tmp_path), '--ros', '--ros-args', *given.split()])
-    assert stop.value.code == 2
-    assert 'give parameters by --vehicle and -p' in capsys.readouterr().err.splitlines()[-1]
-
-
-def test_the_reason_for_no_flight_over_ros_is_told(graph):
-    case = Case.load('hexarotor')
-    with pytest.raises(CaRosError, match=r'exact: no flight over ROS: .*nonsense'):
-        fly_over_ros(case, 'exact', 1.0, ['--nonsense'])
-
-
 def test_manoeuvres_are_the_same_for_each_method_and_have_intervals(tmp_path):
     words = ['--manoeuvres', 'upsets', '--seeds', '2', '--out', str(tmp_path)]
     assert main([*words, '--methods', 'exact,pseudo_inverse']) == 0
@@ -407,7 +364,7 @@ def test_intervals_of_shares_and_medians():
     ('--manoeuvres flips', '--manoeuvres flips: expected upsets, '),
     ('--seeds 0', "argument --seeds: '0' is not a positive whole number"),
     ('--seeds 50', '--seeds: only with --manoeuvres'),
-    ('--manoeuvres upsets --detect --fail 1@2 --ros', 'not with --detect, --fail, --ros'),
+    ('--manoeuvres upsets --detect --fail 1@2', 'not with --detect, --fail'),
     ('--manoeuvres upsets --duration 10 --plot-rows tilt --figures png --animate',
      'not with --animate, --duration, --figures, --plot-rows'),
     ('--manoeuvres upsets --announce never --waypoint 1 1 1', 'not with --announce, --waypoint'),

@@ -9,7 +9,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from ca_ros.allocation import Allocator
-from ca_ros.arguments import positive, split
+from ca_ros.arguments import positive
 from ca_ros.bringup.flight_options import (
     add_options,
     failure_words,
@@ -32,7 +32,6 @@ from ca_ros.studies.dynamic.metrics import (
     sample_errors,
 )
 from ca_ros.studies.dynamic.plots import ROWS, draw
-from ca_ros.studies.dynamic.ros_flight import check, fly_over_ros
 from ca_ros.studies.dynamic.tables import document, observations
 from ca_ros.studies.result_files import facts, write
 from ca_ros.studies.study_cli import case_of, concluded, parser
@@ -63,8 +62,6 @@ def _study(options: argparse.Namespace) -> None:
     options.goals = goals = trajectory_of(options)
     changes = {
         name: [*case.announced(name, failures), *waypoint_changes(goals)] for name in allocators}
-    if options.ros:
-        check(list(allocators))
     if options.detect and failures.failures and failures.announce is not None:
         raise ParameterError('--detect: with --announce never, since nobody else names failures')
     flights = _fly(case, allocators, changes, options)
@@ -85,8 +82,6 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     )
     add = made.add_argument
     add('--duration', type=positive(float), default=10.0, help='time of flight [s]')
-    over_ros = 'fly over the ROS nodes, in lockstep: the same flights, to the last bit'
-    add('--ros', action='store_true', help=over_ros)
     add('--animate', action='store_true', help='also write animation.gif, which shows the flights')
     names = f'instead fly manoeuvres that saturate the rotors: {", ".join(MANOEUVRES)}'
     add('--manoeuvres', metavar='A,B', help=names)
@@ -94,16 +89,11 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     rows = f'also draw these rows of each method, rows.png: {", ".join(ROWS)}'
     add('--plot-rows', type=_rows, default=(), metavar='A,B', help=rows)
     add_options(made)
-    own, ros = split(argv)
-    options = made.parse_args(own)
-    if given := [word for word in ros if word in ('-p', '--param', '--params-file')]:
-        # The nodes would fly with other parameters than those that the study reports.
-        made.error(f'{given[0]} after --ros-args: give parameters by --vehicle and -p before it')
-    options.ros_arguments = ros
+    options = made.parse_args(argv)
     strange = {*(options.manoeuvres or 'upsets').split(',')} - {*MANOEUVRES}
     if strange:
         made.error(f'--manoeuvres {", ".join(sorted(strange))}: expected {", ".join(MANOEUVRES)}')
-    named = _given(made, own)
+    named = _given(made, argv)
     # The results name the command, without the options that do not count.
     if 'manoeuvres' in named:
         if strange := named - FOR_MANOEUVRES:
@@ -158,18 +148,11 @@ def _fly(
     """Return the flights by method."""
     flights = {}
     failures = failures_of(options)
-    words = [*trajectory_words(options), *failure_words(failures)]
-    words += ['--detect'] * options.detect
     for name, allocator in tqdm(allocators.items(), unit=' flights', disable=None):
-        if options.ros:
-            given = [*words, *options.ros_arguments]
-            flights[name] = fly_over_ros(case, name, options.duration, given)
-        else:
-            loop = case.controller(), allocator, case.plant()
-            goal = options.goals.first, options.duration
-            detection = case.detection(name) if options.detect else None
-            flights[name] = fly(
-                *loop, *goal, changes=changes[name], detection=detection, failures=failures)
+        detection = case.detection(name) if options.detect else None
+        flights[name] = fly(
+            case.controller(), allocator, case.plant(), options.goals.first, options.duration,
+            changes=changes[name], detection=detection, failures=failures)
     return flights
 
 
@@ -194,7 +177,6 @@ def _write(
         'duration': options.duration,
         'start': 'rest at the origin' if resting else 'the initial state of the parameters',
         'goal': str(options.goals),
-        'flown': 'over ROS nodes in lockstep' if options.ros else 'offline',
         **facts(case, 'dynamic_study', options, [*words, *failure_words(failures)]),
         'methods': {
             name: metrics(flight, samples[name], goal) for name, flight in flights.items()
