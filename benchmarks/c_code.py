@@ -10,7 +10,7 @@ import numpy as np
 from ca_ros.allocation.osqp import osqp_program
 from ca_ros.allocation.result import Status
 from ca_ros.firmware.literals import literal
-from ca_ros.problem.prioritization import THRUST_DEVIATION, default_order, sensed
+from ca_ros.problem.prioritization import AXIS_REVERSAL, default_order, sensed
 from ca_ros.problem.problem import AllocationProblem
 
 
@@ -22,7 +22,7 @@ def header(problem: AllocationProblem, precision: str, storage: str = '') -> str
     """
     axes, n, m = problem.axes, problem.n, len(problem.axes)
     groups = default_order(axes)
-    keeps = sensed(groups, THRUST_DEVIATION)
+    keeps = sensed(groups, AXIS_REVERSAL)
     options = (
         f'{int(Status.PRIORITIZED)}',
         *(literal(numbers, precision) for numbers in (

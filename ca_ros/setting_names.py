@@ -12,6 +12,7 @@ from ca_ros.errors import shortened
 from ca_ros.settings import Field, ParameterError, check
 
 RENAMED: dict[str, tuple[str, dict[str, Any]]] = {
+    'allocation.exact.thrust_deviation': ('allocation.exact.axis_reversal', {}),
     'bridge.px4_input': ('px4.interface', {'state': 'offboard'}),
     'bridge.order': ('px4.order', {}),
     'bridge.px4_output': ('px4.output', {}),
@@ -20,7 +21,7 @@ RENAMED: dict[str, tuple[str, dict[str, Any]]] = {
 """By the old name of a setting its new name, and new values for old ones."""
 
 REMOVED = {
-    'allocation.exact.thrust_deviation: avoid':
+    'allocation.exact.axis_reversal: avoid':
         'use prevent, which keeps the sense of yaw, or allow, which keeps thrust near its demand',
     'allocation.exact.solver':
         'leave it out: exact has the same thrusts; allocation.method: osqp is OSQP alone',

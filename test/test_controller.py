@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from ca_ros import AdmissibleSet
 from ca_ros.control.controller import Controller
 from ca_ros.control.waypoint import Waypoint
-from ca_ros.problem.prioritization import THRUST_DEVIATIONS, PrioritiesSettings
+from ca_ros.problem.prioritization import AXIS_REVERSALS, PrioritiesSettings
 from ca_ros.simulation.record import Flight
 from ca_ros.vehicle.state import heading, tilt
 from strategies import FLEET, HEXAROTOR, settings_of
@@ -165,14 +165,14 @@ def test_it_gives_way_by_the_reversal_of_the_user():
     state = REST, attitude(-0.3, -0.3, 0.0), REST, np.array([-4.0, 2.0, -4.0])
     goal = Waypoint.of(0.0, -3.0, -3.0, -1.0)
     served = {}
-    for reversal in THRUST_DEVIATIONS:
+    for reversal in AXIS_REVERSALS:
         mine = Controller.from_settings(
-            HEXAROTOR, settings_of({'allocation.exact.thrust_deviation': reversal}))
+            HEXAROTOR, settings_of({'allocation.exact.axis_reversal': reversal}))
         demand = mine.demand(*state, goal)
         served[reversal] = mine.wrench(*state, goal)
         np.testing.assert_allclose(
             served[reversal],
-            AdmissibleSet(HEXAROTOR).prioritize(demand, thrust_deviation=reversal),
+            AdmissibleSet(HEXAROTOR).prioritize(demand, axis_reversal=reversal),
             rtol=0.0, atol=1e-12)
         assert np.array_equal(mine.unallocated, demand - served[reversal])
     # Thrust, which is nearer to its demand if yaw may be reversed, pays otherwise.
@@ -180,8 +180,8 @@ def test_it_gives_way_by_the_reversal_of_the_user():
     assert served['allow'][YAW] < -0.05
     assert served['prevent'][YAW] > -1e-12
     assert demand[THRUST] < served['allow'][THRUST] < served['prevent'][THRUST] - 1.0
-    with pytest.raises(ValueError, match='thrust_deviation'):
-        PrioritiesSettings(thrust_deviation='never')
+    with pytest.raises(ValueError, match='axis_reversal'):
+        PrioritiesSettings(axis_reversal='never')
 
 
 def test_a_far_waypoint_does_not_turn_the_vehicle_over():

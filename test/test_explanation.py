@@ -71,7 +71,7 @@ class Case:
         named = ORDERS[order] + lateral * bool(lateral[0])
         self.groups = groups_of(vehicle, named)
         self.exact = unaudited('exact', vehicle, order=named, airmode_limit=airmode,
-                               thrust_deviation=deviation)
+                               axis_reversal=deviation)
         self.problem, self.airmode = self.exact.problem, airmode_limits(airmode)
         self.slow = None if rates is None else SlewLimited(self.exact, rates)
         judge, first = Judge(vehicle), self.groups[0]
@@ -265,7 +265,7 @@ def test_a_rotor_at_a_bound_that_limits_nothing_is_not_named():
 
 def test_by_hand_and_in_words():
     # Yaw 0.06 (f_P - f_N) with f_P + f_N = 7 N: f_P = 4, f_N = 3, so 0.06 N m of 0.12.
-    why = make_allocator('exact', HEXAROTOR, thrust_deviation='allow').allocate(
+    why = make_allocator('exact', HEXAROTOR, axis_reversal='allow').allocate(
         [21.0, 0.0, 0.0, 0.12]).explanation
     np.testing.assert_allclose(why.served, [1.0, 1.0, 1.0, 0.5], atol=1e-9)
     np.testing.assert_array_equal(why.limit, [BY_BOUND, 0] * 3)

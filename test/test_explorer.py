@@ -115,18 +115,18 @@ def test_the_page_is_one_file_without_network(page):
 
 @pytest.mark.parametrize(('name', 'settings'), [
     ('hexarotor', {}),
-    ('x8', {'thrust_deviation': 'allow'}),
+    ('x8', {'axis_reversal': 'allow'}),
     ('hexarotor_tilted', {'policy': 'scale'}),
     ('hexarotor', {'policy': 'reject'}),
     ('y6', {'airmode_limit': 0.1}),
     ('hexarotor_realistic', {}),
-    ('hexarotor', {'order': ['thrust', 'roll pitch', 'yaw'], 'thrust_deviation': 'allow'}),
+    ('hexarotor', {'order': ['thrust', 'roll pitch', 'yaw'], 'axis_reversal': 'allow'}),
 ])
 def test_thousand_allocations_have_the_bits_of_python(page, name, settings):
     exact = Exact(Vehicle.load(name), **settings)
     wrenches = demands(exact.problem, 1000)
     words = {'policy': settings.get('policy', 'prioritize'),
-             'deviation': settings.get('thrust_deviation', 'prevent')}
+             'deviation': settings.get('axis_reversal', 'prevent')}
     if 'order' in settings:
         words['order'] = settings['order']
     if limit := settings.get('airmode_limit'):
@@ -277,7 +277,7 @@ OTHERS = [
     ('allocation.exact.order', ['roll pitch', 'thrust', 'yaw', 'roll']),
     ('allocation.exact.airmode_limit', [0.1, 0.5]),
     ('allocation.exact.airmode_limit', [0.5, 0.1, 0.2, 0.0]),
-    ('allocation.exact.thrust_deviation', 'avoid'), ('allocation.exact.weights', [1.0] * 5),
+    ('allocation.exact.axis_reversal', 'avoid'), ('allocation.exact.weights', [1.0] * 5),
     ('allocation.exact.weights', [1.0] * 5 + [1e5]), ('allocation.exact.preferred', 1e6),
     ('allocation.exact.reversal', 'maybe'), ('allocation.exact.slack', 1.0),
 ]

@@ -294,7 +294,7 @@ def test_literals_keep_every_bit(value):
 OPTIONS = [
     {},
     *({'policy': policy} for policy in POLICIES),
-    {'thrust_deviation': 'allow'},
+    {'axis_reversal': 'allow'},
     {'order': ['yaw', 'roll pitch', 'thrust']},
     {'residual_slack': 1e-4},
 ]

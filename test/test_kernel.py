@@ -21,7 +21,7 @@ from strategies import FLEET, HEXAROTOR, SOME, around, length, need_kernel, rand
 VEHICLES = length(6, 30, 1000)
 """How many random vehicles."""
 
-POLICIES = {'prioritize': {}, 'allow': {'thrust_deviation': 'allow'},
+POLICIES = {'prioritize': {}, 'allow': {'axis_reversal': 'allow'},
             'scale': {'policy': 'scale'}, 'reject': {'policy': 'reject'},
             'yaw first': {'order': ['yaw', 'roll pitch', 'thrust']}}
 

@@ -344,14 +344,17 @@ def test_settings_have_the_types_of_their_declaration():
     assert settings.simulator.publish_clock is False
 
 
-OLD = {'bridge.px4_input': 'state', 'bridge.px4_thrust_factor': 0.3}
+OLD = {
+    'allocation.exact.thrust_deviation': 'allow', 'bridge.px4_input': 'state',
+    'bridge.px4_thrust_factor': 0.3}
 
 
 def test_old_names_are_read_with_one_warning(tmp_path):
-    path = write(tmp_path / 'old.yaml', OLD)
+    path = write(tmp_path / 'old.yaml', {'allocation.exact.axis_reversal': MISSING, **OLD})
     with pytest.warns(FutureWarning, match='old settings: .* is now ') as warned:
         settings = load(path)
     assert len(warned) == 1
+    assert settings.allocation.exact.axis_reversal == 'allow'
     assert settings.px4.interface == 'offboard'
     assert settings.px4.thrust_factor == 0.3
     assert renamed(flat(settings)) == flat(settings)

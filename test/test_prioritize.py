@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from ca_ros import AdmissibleSet, Exact, SlewLimited, Vehicle, control_allocation_matrix
-from ca_ros.problem.prioritization import THRUST_DEVIATIONS, airmode_limits
+from ca_ros.problem.prioritization import AXIS_REVERSALS, airmode_limits
 from strategies import (
     FLEET,
     HEXAROTOR,
@@ -206,14 +206,14 @@ def compare(vehicle, order, rng, size, limits_on_airmode=(1.0,)):
     rest = judge.serve(judge.hover, groups, 'allow')
     lost = np.flatnonzero(rest[:, 1] - judge.hover > LOST * judge.half)
     for i, u in enumerate(infeasible(vehicle, admissible, rng, size)):
-        reversal = THRUST_DEVIATIONS[i % 2]
+        reversal = AXIS_REVERSALS[i % 2]
         judge = Judge(vehicle)
         airmode = limits_on_airmode[i // 2 % len(limits_on_airmode)]
         limits = judge.serve(u, groups, reversal, lost, airmode_limits(airmode))
         served = admissible.prioritize(u, order, reversal, airmode)
         # The kernel serves the same.
         exact = make_allocator(
-            'exact', vehicle, order=order, thrust_deviation=reversal, airmode_limit=airmode)
+            'exact', vehicle, order=order, axis_reversal=reversal, airmode_limit=airmode)
         np.testing.assert_allclose(
             exact.allocate(u).wrench, served, rtol=0.0, atol=1e-9 * judge.half.max())
         assert admissible.contains(served, tolerance=1e-12 * scale)
@@ -449,7 +449,7 @@ def test_yaw_is_not_reversed_worked_out_by_hand():
         'prevent': [2.0, 1.0, 1.0, 0.0]}
     for reversal, wrench in expected.items():
         allocation = make_allocator(
-            'exact', UNIT_QUADROTOR, thrust_deviation=reversal).allocate(demand)
+            'exact', UNIT_QUADROTOR, axis_reversal=reversal).allocate(demand)
         np.testing.assert_allclose(allocation.wrench, wrench, atol=1e-12)
     # Thrust gives way below a weight of 2.4, too.
     heavier = AdmissibleSet(Vehicle.from_parameters(UNIT | {'vehicle.mass': 2.4 / 9.81}))
@@ -466,7 +466,7 @@ def test_the_rows_of_px4():
     assert len(demands) == 39
     off, sacrificed = {}, {}
     for reversal in ('allow', 'prevent'):
-        served = admissible.prioritize(demands, thrust_deviation=reversal)
+        served = admissible.prioritize(demands, axis_reversal=reversal)
         np.testing.assert_allclose(served[:, 1:3], demands[:, 1:3], atol=ROUNDING)
         off[reversal] = np.count_nonzero(off_sense(served[:, 3], demands[:, 3], 0.0) > ROUNDING)
         sacrificed[reversal] = np.abs(demands - served)[:, 0].sum() / 4.0

@@ -102,7 +102,7 @@ def test_policies_agree_on_what_is_attainable(n, first, digits, monkeypatch):
     positions = np.round(ring(n, first=np.radians(first)), digits)
     problem = VehicleProblem(build(positions, 'PN' * (n // 2)))
     demands = near_the_boundary(problem, length(120, 400))
-    options = [{'policy': 'reject'}, {'policy': 'scale'}, {}, {'thrust_deviation': 'allow'},
+    options = [{'policy': 'reject'}, {'policy': 'scale'}, {}, {'axis_reversal': 'allow'},
                {'order': ['yaw', 'roll pitch', 'thrust']}]
     margins = problem.attainable_set.margin(demands)
     for engine, some in zip(ENGINES, (demands, demands[:30]), strict=True):

@@ -52,7 +52,7 @@ def drawn_options(rng, problem):
     order = [*ORDERS[rng.integers(len(ORDERS))], *LATERAL]
     groups = [' '.join(axis for axis in group.split() if axis in problem.axes) for group in order]
     return {'order': [group for group in groups if group],
-            'thrust_deviation': rng.choice(['prevent', 'allow', 'allow'])}
+            'axis_reversal': rng.choice(['prevent', 'allow', 'allow'])}
 
 
 def drawn_wrenches(rng, problem, size):
@@ -85,7 +85,7 @@ def test_the_thrusts_for_what_is_served_have_the_least_norm(seed):
 
 
 def test_mirrored_wrenches_get_mirrored_thrusts():
-    exact = make_allocator('exact', Vehicle.load('hexarotor'), thrust_deviation='allow',
+    exact = make_allocator('exact', Vehicle.load('hexarotor'), axis_reversal='allow',
                            order=['thrust', 'roll pitch yaw'])
     for pitch in -6.729947059841593 - np.linspace(0.0, 1e-3, 11):
         thrusts = exact.allocate([9.81, 0.0, pitch, 0.0]).thrusts

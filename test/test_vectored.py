@@ -250,7 +250,7 @@ def test_prioritize_serves_one_axis_after_the_other(name):
     problem, rng = PROBLEMS[name], np.random.default_rng(4)
     order = [['roll'], ['thrust'], ['yaw'], ['pitch'], ['force_x'], ['force_y']]
     order = [group for group in order if group[0] in problem.axes]
-    allocator = make_allocator('exact', problem, order=order, thrust_deviation='allow')
+    allocator = make_allocator('exact', problem, order=order, axis_reversal='allow')
     further = []
     for _ in range(BEYOND_SETS):
         u = problem.center + 1.5 * problem.extent * rng.normal(size=len(problem.axes))

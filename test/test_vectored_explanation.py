@@ -128,7 +128,7 @@ def test_each_gain_is_that_of_clarabel(name, policy):
     problem, rng, count, skipped = PROBLEMS[name], np.random.default_rng(3), 0, 0
     given = {} if policy == 'scale' else {
         'order': [group for group in ORDER if group[0] in problem.axes],
-        'thrust_deviation': 'allow'}
+        'axis_reversal': 'allow'}
     exact = make_allocator('exact', problem, policy=policy, **given)
     while count < length(12, int(os.environ.get('VECTORED_REASONS', '5000'))):
         u = problem.center + rng.uniform(-1.3, 1.3, len(problem.axes)) * problem.extent

@@ -71,7 +71,7 @@ def kernel_for(
     """
     axes, sets, serving = problem.axes, problem.box.sets, settings.serving(problem)
     named = [[axes[row] for row in group] for group in serving.groups]
-    keeps = sensed(named, serving.thrust_deviation)
+    keeps = sensed(named, serving.axis_reversal)
     preference = settings.preference(problem)
     gamma, lower, upper, start = (
         np.ascontiguousarray(array, dtype)

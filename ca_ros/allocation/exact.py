@@ -55,9 +55,9 @@ class Exact(Allocator):
         the wrench scaled towards a reference, or nothing.
     order : sequence of str, default ('roll pitch', 'thrust', 'yaw', 'force_x force_y')
         Priorities of 'prioritize': groups of axes, the most important first.
-    thrust_deviation : {'prevent', 'allow'}, default 'prevent'
-        Whether thrust may deviate from its demand so that no axis after the first group is
-        reversed: as far as necessary, or not at all.
+    axis_reversal : {'prevent', 'allow'}, default 'prevent'
+        Whether an axis after the first group may get the opposite of its demand.  'prevent':
+        thrust deviates from its demand as far as prevents it.
     airmode_limit : float or (2,) array, default 1
         How far thrust may rise above its demand for roll and pitch, and for yaw, as shares of its
         range.

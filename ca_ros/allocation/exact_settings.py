@@ -28,7 +28,7 @@ class Serving(NamedTuple):
 
     groups: Sequence[Sequence[int]]
     reference: Array
-    thrust_deviation: str
+    axis_reversal: str
     begin: Array | None = None
     airmode_limit: Sequence[float] = AIRMODE
 
@@ -94,6 +94,6 @@ class ExactSettings(PrioritiesSettings):
         start = None if given is None else admissible.check_reference(given)
         if self.policy == 'prioritize':
             limits = airmode_limits(self.airmode_limit)
-            return Serving(groups, problem.reference, self.thrust_deviation, None, limits)
+            return Serving(groups, problem.reference, self.axis_reversal, None, limits)
         start = admissible.reference if start is None else start
         return Serving([range(len(axes))], start, 'allow', start)

@@ -45,7 +45,7 @@ SAMPLE = 3333  # number of wrenches of each kind and fault for which steps are c
 
 UNATTAINABLE = {
     'prioritize': 'is served in the order of priorities: {order} (`CA_PRIORITIZED`, with\n'
-    '`allocation.exact.thrust_deviation: {deviation}`)',
+    '`allocation.exact.axis_reversal: {deviation}`)',
     'scale': 'is scaled towards hover until it is attainable (`CA_SCALED`)',
     'reject': 'is rejected: all rotors get the speed nearest to zero (`CA_REJECTED`)',
 }
@@ -140,7 +140,7 @@ def write_detector(detector: FailureDetector, name: str, precision: str, out: Pa
 def unattainable(settings: ExactSettings, axes: Sequence[str]) -> str:
     """Return how a wrench that is not attainable is served."""
     order = '; '.join(' and '.join(group) for group in settings.groups(axes))
-    return UNATTAINABLE[settings.policy].format(order=order, deviation=settings.thrust_deviation)
+    return UNATTAINABLE[settings.policy].format(order=order, deviation=settings.axis_reversal)
 
 
 def loop_bounds(folder: Path) -> list[tuple[str, str, str, str]]:

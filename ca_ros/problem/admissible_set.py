@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray, constant
 from ca_ros.problem.prioritization import (
-    THRUST_DEVIATION,
-    THRUST_DEVIATIONS,
+    AXIS_REVERSAL,
+    AXIS_REVERSALS,
     airmode_limits,
     default_order,
     groups_of,
@@ -142,7 +142,7 @@ class AdmissibleSet:
 
     def prioritize(
         self, u: ArrayLike, order: Sequence[Sequence[str]] | None = None,
-        thrust_deviation: str = THRUST_DEVIATION, airmode_limit: Numbers = 1.0,
+        axis_reversal: str = AXIS_REVERSAL, airmode_limit: Numbers = 1.0,
     ) -> Array:
         """Bring wrenches (..., m) into the set, less important axes given up first [N, N m].
 
@@ -153,21 +153,21 @@ class AdmissibleSet:
         for other orders, and `PrioritiesSettings` for the arguments.
 
         The result is `u` if it is in the set, otherwise the wrench that is served.  Raises a
-        ValueError if `order` does not name each of the vehicle's axes once, or `thrust_deviation`
+        ValueError if `order` does not name each of the vehicle's axes once, or `axis_reversal`
         is unknown.
         """
-        return self.prioritize_levels(u, order, thrust_deviation, airmode_limit)[0]
+        return self.prioritize_levels(u, order, axis_reversal, airmode_limit)[0]
 
     def prioritize_levels(
         self, u: ArrayLike, order: Sequence[Sequence[str]] | None = None,
-        thrust_deviation: str = THRUST_DEVIATION, airmode_limit: Numbers = 1.0,
+        axis_reversal: str = AXIS_REVERSAL, airmode_limit: Numbers = 1.0,
     ) -> tuple[Array, Array]:
         """Like `prioritize`, but also return the share (..., m) of its demand that each axis gets.
 
         The share is relative to hover: 0 for an axis that is reversed or does not change, 1 for an
         axis that gets all of its demand or more.
         """
-        serve = self.check_order(order, thrust_deviation, airmode_limit)
+        serve = self.check_order(order, axis_reversal, airmode_limit)
         return self._serve(serve, self.problem.check(u, batch=True))
 
     def _serve(self, serve: AnyPrioritization, u: Array) -> tuple[Array, Array]:
@@ -195,23 +195,23 @@ class AdmissibleSet:
         return start
 
     def check_order(
-        self, order: Sequence[Sequence[str]] | None, thrust_deviation: str = THRUST_DEVIATION,
+        self, order: Sequence[Sequence[str]] | None, axis_reversal: str = AXIS_REVERSAL,
         airmode_limit: Numbers = 1.0,
     ) -> AnyPrioritization:
         """Return the prioritization of an order; raise a ValueError if an argument is wrong."""
         limits = airmode_limits(airmode_limit)
-        key = (None if order is None else tuple(map(tuple, order))), thrust_deviation, limits
+        key = (None if order is None else tuple(map(tuple, order))), axis_reversal, limits
         if key not in self._prioritizations:
-            if thrust_deviation not in THRUST_DEVIATIONS:
+            if axis_reversal not in AXIS_REVERSALS:
                 raise ValueError(
-                    f'thrust_deviation: expected one of {", ".join(THRUST_DEVIATIONS)}, '
-                    f'got {thrust_deviation!r}'
+                    f'axis_reversal: expected one of {", ".join(AXIS_REVERSALS)}, '
+                    f'got {axis_reversal!r}'
                 )
             axes = self.problem.axes
             groups = default_order(axes) if order is None else groups_of(order, axes)
             rows = [[axes.index(axis) for axis in group] for group in groups]
             self._prioritizations[key] = prioritization_of(
-                self.problem, rows, thrust_deviation=thrust_deviation, airmode_limit=limits
+                self.problem, rows, axis_reversal=axis_reversal, airmode_limit=limits
             )
         return self._prioritizations[key]
 

@@ -23,8 +23,8 @@ ORDER = (('roll', 'pitch'), ('thrust',), ('yaw',), ('force_x', 'force_y'))
 
 DEFAULT_ORDER = tuple(' '.join(group) for group in ORDER)  # the same in words
 
-THRUST_DEVIATIONS = ('prevent', 'allow')
-THRUST_DEVIATION = 'prevent'  # the default
+AXIS_REVERSALS = ('prevent', 'allow')
+AXIS_REVERSAL = 'prevent'  # the default
 AIRMODE = (1.0, 1.0)  # without limits on airmode: thrust may rise by its whole range
 REST = 1e-9  # distance from the reference, as a share of an axis's range, that counts as none
 LAG = 1e-3  # least weight of an axis in its group, as a share of its range
@@ -40,10 +40,10 @@ class PrioritiesSettings(Settings):
     order: Annotated[Sequence[Sequence[str]], str] = setting(
         DEFAULT_ORDER, 'priorities of prioritize: groups of axes, the most important first',
         mutable=True)
-    thrust_deviation: Literal['prevent', 'allow'] = setting(
-        THRUST_DEVIATION,
-        'whether thrust may deviate from its demand so that no axis after the first group is '
-        'reversed. prevent: as far as necessary; allow: not at all',
+    axis_reversal: Literal['prevent', 'allow'] = setting(
+        AXIS_REVERSAL,
+        'whether an axis after the first group may get the opposite of its demand. prevent: '
+        'thrust deviates from its demand as far as prevents it; allow: thrust does not deviate',
         mutable=True)
     airmode_limit: Numbers = setting(
         1.0,
@@ -140,12 +140,12 @@ def airmode_limits(given: Numbers) -> tuple[float, float]:
     return numbers[0], numbers[-1]
 
 
-def sensed(groups: Sequence[Sequence[str]], thrust_deviation: str) -> list[str]:
+def sensed(groups: Sequence[Sequence[str]], axis_reversal: str) -> list[str]:
     """Return the axes whose sense has priority over the amounts of less important axes.
 
-    `groups`: the axes of each group.  `thrust_deviation` ('prevent' or 'allow').
+    `groups`: the axes of each group.  `axis_reversal` ('prevent' or 'allow').
     """
-    if thrust_deviation == 'allow':
+    if axis_reversal == 'allow':
         return []
     return [axis for group in groups[1:] for axis in group if axis != 'thrust']
 
@@ -159,7 +159,7 @@ class Prioritization:
        possible.
     2. Each other axis is brought between its reference and its demand, or as near to that range
        as possible, in the order of the axes.  Thus it is not reversed, not exceeded, and not moved
-       without a demand.  `thrust_deviation` chooses the axes of this step.
+       without a demand.  `axis_reversal` chooses the axes of this step.
     3. Each other group comes as near to its demand as possible.
 
     An axis is lost if it cannot be at its reference while the more important axes are at theirs,
@@ -171,7 +171,7 @@ class Prioritization:
 
     - `groups`: rows of Gamma, the most important group first
     - `reference` (m,): by default that of the problem: hover for a vehicle [N, N m]
-    - `thrust_deviation` ('prevent' or 'allow'): the axes of step 2.  'prevent': all but thrust, so
+    - `axis_reversal` ('prevent' or 'allow'): the axes of step 2.  'prevent': all but thrust, so
       that thrust deviates from its demand as far as the others need.  'allow': none
     - `begin` (m,): attainable wrench where the line of step 1 begins.  By default it is the
       reference, moved towards the middle of the set if that is outside the set or near its
@@ -184,7 +184,7 @@ class Prioritization:
 
     def __init__(
         self, problem: AllocationProblem, groups: Sequence[Sequence[int]],
-        reference: Array | None = None, thrust_deviation: str = THRUST_DEVIATION,
+        reference: Array | None = None, axis_reversal: str = AXIS_REVERSAL,
         begin: Array | None = None, airmode_limit: Sequence[float] = AIRMODE,
     ) -> None:
         problem.check_volume()
@@ -193,7 +193,7 @@ class Prioritization:
         self._wrench = problem.reference if reference is None else reference
         self._reference = problem.scaled(self._wrench).tolist()
         named = [[problem.axes[row] for row in group] for group in groups]
-        keeps = [problem.axes.index(axis) for axis in sensed(named, thrust_deviation)]
+        keeps = [problem.axes.index(axis) for axis in sensed(named, axis_reversal)]
         self._senses: list[int] = []
         self._airmode: list[float] | None = None
         # In the simplex the thrusts come before the rows of Gamma.

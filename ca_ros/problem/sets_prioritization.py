@@ -14,9 +14,9 @@ from ca_ros.kernel.vectored import priorities, sets_newton
 from ca_ros.problem.limits import Limits
 from ca_ros.problem.prioritization import (
     AIRMODE,
+    AXIS_REVERSAL,
     LAG,
     LAG_RATIO,
-    THRUST_DEVIATION,
     Prioritization,
     Served,
     sensed,
@@ -47,13 +47,13 @@ class SetsPrioritization:
     the greatest product with its normal can serve as much.  They are a face of the sets, and the
     later steps use this face alone, so they take nothing from the step.
 
-    `groups`, `reference`, `thrust_deviation` and `begin`: as in `Prioritization`.  `solver`: has
+    `groups`, `reference`, `axis_reversal` and `begin`: as in `Prioritization`.  `solver`: has
     weights and preferred vectors.
     """
 
     def __init__(
         self, problem: AllocationProblem, groups: Sequence[Sequence[int]],
-        reference: Array | None = None, thrust_deviation: str = THRUST_DEVIATION,
+        reference: Array | None = None, axis_reversal: str = AXIS_REVERSAL,
         begin: Array | None = None, solver: SetsNewton | None = None,
     ) -> None:
         program: Any = problem.program
@@ -72,7 +72,7 @@ class SetsPrioritization:
                 middle, wanted - middle, 1.0 / INSIDE).length
             share = min(1.0, INSIDE * reached)
         self.begin = wanted if share > 1.0 - 1e-9 else middle + share * (wanted - middle)
-        keeps = [problem.axes.index(axis) for axis in sensed(named, thrust_deviation)]
+        keeps = [problem.axes.index(axis) for axis in sensed(named, axis_reversal)]
         self.senses: list[int] = []
         if not usual or not problem.reference_inside:
             served = problem.gamma @ self._answer(self.reference, self.solver)[0]
@@ -347,7 +347,7 @@ AnyPrioritization = Prioritization | SetsPrioritization
 
 def prioritization_of(
     problem: AllocationProblem, groups: Sequence[Sequence[int]], reference: Array | None = None,
-    thrust_deviation: str = THRUST_DEVIATION, begin: Array | None = None,
+    axis_reversal: str = AXIS_REVERSAL, begin: Array | None = None,
     airmode_limit: Sequence[float] = AIRMODE,
 ) -> AnyPrioritization:
     """Return the prioritization of a problem; see `Prioritization` for the arguments.
@@ -355,9 +355,9 @@ def prioritization_of(
     Raises a ParameterError if airmode is limited for effectors that are vectors.
     """
     if isinstance(problem.sets, Box):
-        return Prioritization(problem, groups, reference, thrust_deviation, begin, airmode_limit)
+        return Prioritization(problem, groups, reference, axis_reversal, begin, airmode_limit)
     refuse_limits(airmode_limit)
-    return SetsPrioritization(problem, groups, reference, thrust_deviation, begin)
+    return SetsPrioritization(problem, groups, reference, axis_reversal, begin)
 
 
 def refuse_limits(airmode_limit: Sequence[float]) -> None:

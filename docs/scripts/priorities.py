@@ -1,4 +1,4 @@
-"""Compare the values of `thrust_deviation`; fill the tables of docs/priorities.md.
+"""Compare the values of `axis_reversal`; fill the tables of docs/priorities.md.
 
 Flies manoeuvres that saturate the rotors with every shipped vehicle, behind a controller that does
 not limit its wrench.  Takes about two minutes.
@@ -14,7 +14,7 @@ from pages import DOCS, both_masses, fill, shipped, telling
 from ca_ros import AdmissibleSet, Vehicle, control_allocation_matrix
 from ca_ros.allocation import Allocation, Allocator
 from ca_ros.arrays import Array
-from ca_ros.problem.prioritization import THRUST_DEVIATIONS
+from ca_ros.problem.prioritization import AXIS_REVERSALS
 from ca_ros.studies.dynamic.manoeuvres import Counter, Manoeuvre, flown, goal, upset
 from ca_ros.studies.tables import table
 from ca_ros.vehicle.state import NULL_STATE
@@ -28,7 +28,7 @@ LIMITS = 0.0, 0.1, 0.25  # values of `airmode_limit`
 ROUNDING = 1e-9
 
 VARIANTS = {
-    **{f'`{each}`': [f'allocation.exact.thrust_deviation:={each}'] for each in THRUST_DEVIATIONS},
+    **{f'`{each}`': [f'allocation.exact.axis_reversal:={each}'] for each in AXIS_REVERSALS},
     **{f'limit {limit:g}': [f'allocation.exact.airmode_limit:={limit}'] for limit in LIMITS},
 }
 
@@ -110,7 +110,7 @@ def rows_table() -> str:
     gamma, admissible = control_allocation_matrix(vehicle), AdmissibleSet(vehicle)
     demands = np.column_stack([4.0 * rows[:, 3], rows[:, :3]])
     options: dict[str, dict[str, Any]] = {
-        **{f'`{value}`': {'thrust_deviation': value} for value in THRUST_DEVIATIONS},
+        **{f'`{value}`': {'axis_reversal': value} for value in AXIS_REVERSALS},
         **{f'`airmode_limit: {limit:g}`': {'airmode_limit': limit} for limit in LIMITS},
         'yaw before thrust': {'order': ['roll pitch', 'yaw', 'thrust']},
     }

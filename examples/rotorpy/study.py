@@ -36,7 +36,7 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     'exact, scale': ('exact', {'policy': 'scale'}),
     'WLS': ('weighted_least_squares', {}),
     "PX4's, airmode": ('sequential_desaturation', {'airmode': 'roll_pitch_yaw'}),
-    'exact, free thrust': ('exact', {'thrust_deviation': 'allow'}),
+    'exact, free thrust': ('exact', {'axis_reversal': 'allow'}),
     'exact': ('exact', {}),
 }
 """The methods by their names in the table: name and settings for `make_allocator`."""

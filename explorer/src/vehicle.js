@@ -126,7 +126,7 @@ export function readVehicle(text) {
     reference: axes.map((axis) => (axis === 'thrust' ? hover : 0)),
     ratesAssumed: all(rates, false), deceleration: slowing.map((d, i) => d || acceleration[i]), health: each('rotors.health'),
     weight: each('allocation.exact.weights'), preferred: each('allocation.exact.preferred'),
-    slack: exact('residual_slack'), policy: exact('policy'), deviation: exact('thrust_deviation'),
+    slack: exact('residual_slack'), policy: exact('policy'), deviation: exact('axis_reversal'),
     airmode: airmodeLimits('allocation.exact.airmode_limit', exact('airmode_limit')),
     order: groups('allocation.exact.order', exact('order'), axes),
     given, spins: words, torque,
@@ -218,7 +218,7 @@ export function readCase(vehicle, given, methods) {
   const fields = {
     demand: {...FIELDS['vehicle.center_of_mass'], sizes: [axes.length]},
     health: {...FIELDS['rotors.health'], sizes: [n]},
-    policy: exact('policy'), order: exact('order'), deviation: exact('thrust_deviation'),
+    policy: exact('policy'), order: exact('order'), deviation: exact('axis_reversal'),
     airmode: exact('airmode_limit'),
     elapsed: {...FIELDS['vehicle.buoyancy'], range: 'a time in seconds, at least 0'},
     beside: {words: true, choices: methods, range: `one of ${methods.filter(Boolean).join(', ')}`},
