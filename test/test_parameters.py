@@ -380,7 +380,7 @@ def test_a_class_takes_the_settings_of_its_method(method):
     assert kind(vehicle, allocator.settings).settings is allocator.settings
     with pytest.raises(TypeError, match='colour'):
         kind(vehicle, colour='red')
-    with pytest.raises(TypeError, match=r'expected one \w*Settings, or settings by keyword, got '):
+    with pytest.raises(TypeError, match=r'by keyword \(.*\), or one \w*Settings; got '):
         kind(vehicle, 'red')
     if fields:
         assert kind(vehicle, **vars(allocator.settings)).settings == allocator.settings

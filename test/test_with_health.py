@@ -130,5 +130,5 @@ def test_misuse_is_refused():
         allocator.with_health([1.0, 0.0])
     with pytest.raises(TypeError, match='no vehicle'):
         Exact(AllocationProblem([[1.0, 1.0]], 0.0, 1.0)).with_health([1.0, 0.0])
-    with pytest.raises(TypeError, match=r"by keyword .*such as Exact\(vehicle, policy='scale'\)"):
+    with pytest.raises(TypeError, match=r"by keyword \(order, .* got 'scale'"):
         Exact(Vehicle.load('hexarotor'), 'scale')

@@ -68,19 +68,16 @@ class Allocator(ABC):
     def __init__(
         self, problem: Subject, settings: Settings | None = None, /, **given: Any
     ) -> None:
-        if isinstance(settings, str):
-            names = ', '.join(self.settings_type.__dataclass_fields__) or 'none'
-            raise TypeError(
-                f'{type(self).__name__} takes settings by keyword ({names}), such as '
-                f"{type(self).__name__}(vehicle, policy='scale'); got {settings!r}"
-                if 'policy' in names else
-                f'{type(self).__name__} takes settings by keyword ({names}); got {settings!r}')
+        kind = self.settings_type
         if settings is None:
-            settings = self.settings_type(**given)
-        elif given or not isinstance(settings, self.settings_type):
+            settings = kind(**given)
+        elif given or not isinstance(settings, kind):
+            names = ', '.join(kind.__dataclass_fields__) or 'none'
             found = f'{settings!r} and {", ".join(given)}' if given else repr(settings)
-            kind = self.settings_type.__name__
-            raise TypeError(f'expected one {kind}, or settings by keyword, got {found}')
+            raise TypeError(
+                f'{type(self).__name__} takes settings by keyword ({names}), or one '
+                f'{kind.__name__}; got {found}'
+            )
         self.settings = settings
         self.problem = (
             accept(problem).independent if isinstance(problem, Vehicle) else problem_of(problem)
