@@ -139,7 +139,7 @@ SHARED = {
 @pytest.mark.parametrize('file', SHARED)
 def test_the_engines_have_the_same_constants(file):
     text = (Path(kernel.__file__).parent / file).read_text()
-    number = r'(?:(?:CA_)?CHOOSE\(([^,]+),|(?:CA_)?REAL\(([\d.e-]+)\)|([\d.e-]+)$)'
+    number = r'(?:(?:REAL\()?(?:CA_)?CHOOSE\(([^,]+),|(?:CA_)?REAL\(([\d.e-]+)\)|([\d.e-]+)$)'
     found = {name: np.prod([float(factor) for factor in ''.join(values).split('*')])
              for name, *values in re.findall(rf'#define (\w+) {number}', text, re.MULTILINE)}
     assert {name: found[name] for name in SHARED[file]} == SHARED[file]

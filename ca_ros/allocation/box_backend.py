@@ -1,5 +1,7 @@
 """The backends of the exact allocator for numbers within bounds: the kernel in C, and NumPy."""
 
+from itertools import combinations
+from math import ceil, comb
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,36 @@ from ca_ros.problem.prioritization import Prioritization, sensed
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.programs import EXACT_TOLERANCE, lengths
 from ca_ros.solver.least_norm_qp import AIM, DualNewton, Solution
+
+LEVEL, NEARLY_LEVEL = 1e-9, 1e-4  # rates of edges that are not quite level, with a margin
+DEPENDENT = 1e-5  # singular value of a basis below which the simplex method does not meet it
+BASES, BASES_MAX = 2000, 100_000  # that are looked at together, and at most
+
+
+def has_nearly_level_edges(gamma: Array, half_range: Array) -> bool:
+    """Return whether an edge of the admissible set is level along an axis, but not quite.
+
+    Along an edge one thrust moves, others or axes with it, and the rest stay.  The simplex method
+    takes a rate below 1e-6 for a rounding error of zero in single precision, in double precision
+    one below 1e-8.  This looks for rates between them, scaled, in the dictionaries of all bases.
+    If there are more bases than `BASES_MAX`, the answer is yes.
+
+    `gamma` (m, n): control allocation matrix.  `half_range` (n,): of the thrusts.
+    """
+    scaled = gamma * half_range
+    scaled = scaled[:, scaled.any(axis=0)] / np.abs(scaled).sum(axis=1)[:, None]
+    columns = np.hstack([scaled, np.eye(len(gamma))])
+    m, count = columns.shape
+    if comb(count, m) > BASES_MAX:
+        return True
+    chosen = np.array(list(combinations(range(count), m)))
+    for some in np.array_split(chosen, ceil(len(chosen) / BASES)):
+        bases = np.moveaxis(columns[:, some], 1, 0)
+        sound = bases[np.linalg.svd(bases, compute_uv=False)[:, -1] > DEPENDENT]
+        rates = np.abs(np.linalg.solve(sound, np.broadcast_to(columns, (len(sound), m, count))))
+        if ((rates > LEVEL) & (rates < NEARLY_LEVEL)).any():
+            return True
+    return False
 
 
 class BoxBackend:
@@ -77,6 +109,8 @@ def kernel_for(
         np.ascontiguousarray(array, dtype)
         for array in (problem.gamma, sets.lower, sets.upper, serving.reference)
     )
+    # What single precision loses of Γ: with it the kernel tells edges that are level from others.
+    rest = (problem.gamma - gamma).astype(dtype).ravel()
     return kernel(
         gamma, lower, upper, start,
         order=[row for group in serving.groups for row in group],
@@ -86,7 +120,9 @@ def kernel_for(
         weight=preference and np.ascontiguousarray(preference[0], dtype),
         preferred=preference and np.ascontiguousarray(preference[1], dtype),
         thrust=axes.index('thrust') if 'thrust' in axes else -1, airmode=serving.airmode_limit,
-        impaired=problem.impaired.tolist(),
+        impaired=problem.impaired.tolist(), rest=rest,
+        nearly_level=dtype == np.float32 and has_nearly_level_edges(
+            problem.gamma, problem.half_range),
     )
 
 

@@ -40,7 +40,8 @@ class Kernel(Protocol):
         group: Sequence[int], keep_sense: Sequence[int], policy: int, on_reference: bool,
         slack: float, weight: Array | None = None, preferred: Array | None = None,
         thrust: int = -1, airmode: Sequence[float] = (1.0, 1.0),
-        impaired: Sequence[int] | None = None,
+        impaired: Sequence[int] | None = None, rest: Array | None = None,
+        nearly_level: bool = False,
     ) -> None: ...
 
     def allocate(

@@ -176,6 +176,15 @@ static int prepare(ca_problem *p, int n, int m, const ca_real *gamma, const ca_r
             if (!ca_is_finite(&entry) || !ca_is_finite(&weighed))
                 return CA_BAD_NUMBER;
             p->gamma[k][i] = entry;
+#ifdef CA_FLOAT
+            p->refined = options->refined;
+            p->nearly_level = options->refined && options->nearly_level;
+            p->rest[k][i] = options->refined ? options->rest[k][i] : 0;
+            /* A rest is no more than a rounding error. */
+            if (!ca_is_finite(&p->rest[k][i]) ||
+                ca_abs(p->rest[k][i]) > CA_REAL(1.2e-7) * ca_abs(entry))
+                return CA_BAD_NUMBER;
+#endif
             p->offset[k] += entry * p->preferred[i];
             p->center[k] += entry * p->middle[i];
             p->extent[k] += ca_abs(entry * p->half_range[i]);

@@ -238,35 +238,39 @@ static const char *const FAULTS[] = {
     "the order does not name each axis once, group by group"};
 
 /* Kernel(gamma, lower, upper, reference, order, group, keep_sense, policy, on_reference, slack,
- *        weight=None, preferred=None, thrust=-1, airmode=None, impaired=None)
+ *        weight=None, preferred=None, thrust=-1, airmode=None, impaired=None, rest=None,
+ *        nearly_level=0)
  *
- * `airmode` has two numbers. */
+ * `airmode` has two numbers. `rest` (m, n) is what gamma loses in single precision. */
 static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
 {
     static char *names[] = {"gamma", "lower", "upper", "reference", "order", "group",
                             "keep_sense", "policy", "on_reference", "slack", "weight",
-                            "preferred", "thrust", "airmode", "impaired", NULL};
-    PyObject *inputs[6] = {NULL}, *order, *group, *senses, *impaired = NULL;
-    Py_buffer views[6];
+                            "preferred", "thrust", "airmode", "impaired", "rest",
+                            "nearly_level", NULL};
+    PyObject *inputs[6] = {NULL}, *order, *group, *senses, *impaired = NULL, *rest = NULL;
+    Py_buffer views[6], rests;
     ca_options options;
     double slack, airmode[2] = {1, 1};
     int taken = 0, fault = CA_BAD_SIZE;
     options.thrust = -1;
+    options.nearly_level = 0;
     if (self->problem.n) {
         /* Another thread may be using it. */
         PyErr_SetString(PyExc_ValueError, "this Kernel has a problem: make another Kernel");
         return -1;
     }
-    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOOOOipd|OOi(dd)O", names,
+    if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOOOOipd|OOi(dd)OOp", names,
                                      &inputs[0], &inputs[1], &inputs[2], &inputs[3], &order,
                                      &group, &senses, &options.policy, &options.on_reference,
                                      &slack, &inputs[4], &inputs[5], &options.thrust, &airmode[0],
-                                     &airmode[1], &impaired))
+                                     &airmode[1], &impaired, &rest, &options.nearly_level))
         return -1;
     options.airmode_limited = 1;
     for (int i = 0; i < 2; i++)
         options.airmode[i] = (ca_real)airmode[i];
     options.reports_health = impaired && impaired != Py_None;
+    options.refined = rest && rest != Py_None;
     const Py_ssize_t m = PySequence_Length(order);
     options.slack = (ca_real)slack;
     options.weighted = inputs[4] && inputs[4] != Py_None;
@@ -287,10 +291,16 @@ static int initialise(kernel *self, PyObject *arguments, PyObject *keywords)
                 options.weight[i] = ((const ca_real *)views[4].buf)[i];
                 options.preferred[i] = ((const ca_real *)views[5].buf)[i];
             }
+            if (options.refined && get(rest, &rests, FORMAT, m * n, NULL, 0)) {
+                for (Py_ssize_t k = 0; k < m * n; k++)
+                    options.rest[k / n][k % n] = ((const ca_real *)rests.buf)[k];
+                PyBuffer_Release(&rests);
+            }
             for (int k = 0; k < m; k++)
                 options.reference[k] = ((const ca_real *)views[3].buf)[k];
-            fault = ca_set_up(&self->problem, (int)n, (int)m, views[0].buf, views[1].buf,
-                              views[2].buf, &options);
+            if (!PyErr_Occurred())
+                fault = ca_set_up(&self->problem, (int)n, (int)m, views[0].buf, views[1].buf,
+                                  views[2].buf, &options);
             self->moved = self->problem;
         }
         release(taken, views);

@@ -13,24 +13,33 @@
 
 /* The type of the numbers here. In single precision this file is compiled twice: in single precision,
  * and by priorities_wide.c in double precision, for the set-up and for wrenches for which rounding
- * errors of single precision could decide. The problem is in single precision all the same, so that
- * rates that are zero in an unrounded problem are up to about 1e-7. */
+ * errors of single precision could decide. There Gamma has its rest, see `ca_options`. Without it, rates
+ * that are zero in an unrounded problem are up to about 1e-7. */
 #ifdef CA_WIDE
 typedef double real;
 #define WIDE 1
 #define SETS_UP 1
 #define SERVE ca_serve_wide
 #define real_abs fabs
-#define CHOOSE(in_double, in_float, in_wide) ((real)(in_wide))
+#define CHOOSE(in_double, in_float, rounded) (s->refined ? (real)(in_double) : (real)(rounded))
 #else
 typedef ca_real real;
 #define WIDE 0
 #define SETS_UP CA_CHOOSE_INT(1, 0)
 #define SERVE ca_serve
 #define real_abs ca_abs
-#define CHOOSE(in_double, in_float, in_wide) CA_CHOOSE(in_double, in_float)
+#define CHOOSE(in_double, in_float, rounded) CA_CHOOSE(in_double, in_float)
 #endif
 #define REAL(x) ((real)(x))
+#ifdef CA_FLOAT
+#define GAMMA(p, k, i) ((real)(p)->gamma[k][i] + (real)(p)->rest[k][i])
+#define IS_REFINED(p) ((p)->refined)
+#define IS_NEARLY_LEVEL(p) (!WIDE && (p)->nearly_level)
+#else
+#define GAMMA(p, k, i) (p)->gamma[k][i]
+#define IS_REFINED(p) ((void)(p), 0)
+#define IS_NEARLY_LEVEL(p) ((void)(p), 0)
+#endif
 #define UNBOUNDED REAL(CA_UNBOUNDED)
 
 /* Rate below which a variable does not depend on another; rates are of the order of 1. */
@@ -49,11 +58,11 @@ typedef ca_real real;
 /* Greatest share of the way to the boundary of the set where a line may begin. */
 #define INSIDE REAL(0.99)
 /* Distance from the reference, as a share of an axis's range, that counts as none. */
-#define REST CHOOSE(1e-9, 1e-6, 1e-6)
+#define REST REAL(CA_CHOOSE(1e-9, 1e-6))
 #define LAG REAL(CA_LAG)
 #define LAG_RATIO REAL(CA_LAG_RATIO)
 /* A demand counts as served within DOUBT times the error estimate of the simplex method. */
-#define DOUBT CHOOSE(10, 1, 1)
+#define DOUBT REAL(CA_CHOOSE(10, 1))
 
 /* Rate below which two facets are almost parallel. */
 #define PARALLEL REAL(1e-3)
@@ -75,6 +84,8 @@ typedef struct {
     /* Bound of the distance that pushes may have missed because of rounding. */
     real doubt;
     int pivots;
+    /* Whether Gamma has its rest, and whether a small rate may not be a rounding error. */
+    int refined, nearly_level;
     /* Whether a rate below UNCLEAR has decided; the pushes after it do nothing. */
     int unclear;
     /* Whether a thrust is at its bound in all solutions, and the least rate that proves it. */
@@ -236,6 +247,9 @@ static void prove(simplex *s, int r, real left)
                       upper = s->upper[ROWS + j];
         if (s->final && size > NOISE && x < s->thrusts && lower < upper)
             s->least_rate = real_min(s->least_rate, size);
+        /* Neither its sign nor whether it is zero may be clear. */
+        if (s->nearly_level && size > 0 && size < UNCLEAR && lower < upper)
+            s->unclear = 1;
         if (size > ZERO) {
             if (s->final && x < s->thrusts)
                 s->held[x] = 1;
@@ -389,6 +403,8 @@ static void clear(const ca_problem *p, simplex *s)
     s->count = n + m;
     s->pivots = 0;
     s->unclear = 0;
+    s->refined = IS_REFINED(p);
+    s->nearly_level = IS_NEARLY_LEVEL(p);
     s->least_rate = 1;
     s->final = 0;
     for (int i = 0; i < n; i++)
@@ -402,6 +418,32 @@ static int is_narrowed(const ca_problem *p)
         if (p->lower[i] > p->least[i] || p->upper[i] < p->most[i])
             return 1;
     return 0;
+}
+
+/* The wrench of the middle of the bounds, and half of the range of an axis. Those of the problem are
+ * rounded to single precision: axes that do not move along a line would seem to. */
+static real center_of(const ca_problem *p, int k)
+{
+#if WIDE
+    real sum = 0;
+    for (int i = 0; i < CA_ROTORS(p); i++)
+        sum += GAMMA(p, k, i) * (real)p->middle[i];
+    return sum;
+#else
+    return p->center[k];
+#endif
+}
+
+static real extent_of(const ca_problem *p, int k)
+{
+#if WIDE
+    real sum = 0;
+    for (int i = 0; i < CA_ROTORS(p); i++)
+        sum += real_abs(GAMMA(p, k, i) * (real)p->half_range[i]);
+    return sum;
+#else
+    return p->extent[k];
+#endif
 }
 
 /* Begin at the middle of the bounds, with all thrusts nonbasic. */
@@ -418,10 +460,11 @@ static void begin_in_middle(const ca_problem *p, int moved, simplex *s)
         put(s, ROWS + i, i, moved ? (low + high) / 2 : 0, low, high);
     }
     for (int k = 0; k < m; k++) {
+        const real extent = extent_of(p, k);
         real value = 0;
         for (int i = 0; i < n; i++) {
-            const real half = (real)p->half_range[i], extent = (real)p->extent[k];
-            s->rates[k][i] = (real)p->gamma[k][i] * half / extent;
+            const real half = (real)p->half_range[i];
+            s->rates[k][i] = GAMMA(p, k, i) * half / extent;
             value += s->rates[k][i] * s->value[ROWS + i];
         }
         put(s, k, n + k, moved ? value : 0, -UNBOUNDED, UNBOUNDED);
@@ -505,15 +548,32 @@ static real direction_of(int count, const real *ways, real *direction)
     return size;
 }
 
-/* Go where the line of the first group begins, or only towards it if the bounds have moved. */
-static void go_to_line(const ca_problem *p, int moved, simplex *s)
+/* Where the line of the first group begins: a part of the way from the middle to the reference. In double
+ * precision an axis is not to move by rounding along the line to a demand that has it at the reference. */
+static void find_begin(const ca_problem *p, const real *reference, real *begin)
 {
     const int first = group_size(p, 0);
-    begin_in_middle(p, 1, s);
+    real part = 1, longest = 0;
+    for (int i = 0; i < first; i++) {
+        begin[i] = (real)p->begin[i];
+        if (WIDE && !p->on_reference && real_abs(begin[i]) > longest) {
+            longest = real_abs(begin[i]);
+            part = begin[i] / reference[p->order[i]];
+        }
+    }
+    for (int i = 0; WIDE && i < first; i++)
+        begin[i] = part * reference[p->order[i]];
+}
+
+/* Go where the line of the first group begins, or only towards it if the bounds have moved. */
+static void go_to_line(const ca_problem *p, int moved, const real *begin, simplex *s)
+{
+    const int first = group_size(p, 0);
+    begin_in_middle(p, moved || p->widened, s);
     for (int i = 0; first > 1 && i < first; i++) {
         const int axis = p->order[i], v = CA_ROTORS(p) + axis;
         if (!moved)
-            approach(s, v, (real)p->begin[i]);
+            approach(s, v, begin[i]);
         release(s, v);
     }
 }
@@ -527,10 +587,11 @@ static real serve(const ca_problem *p, const real *goals, const real *reference,
     const int thrust = senses ? p->thrust : -1, moved = is_narrowed(p) && !p->widened;
     const real demand = thrust < 0 ? 0 : real_clip(goals[thrust], -1, 1);
     int variables[CA_M] = {0};
-    real ways[CA_M] = {0}, rest[CA_M] = {0}, share = 1, left = 0;
+    real begin_at[CA_M] = {0}, ways[CA_M] = {0}, rest[CA_M] = {0}, share = 1, left = 0;
+    find_begin(p, reference, begin_at);
     /* The dictionary that is kept is in the precision of the problem. */
     if (moved || p->widened || WIDE)
-        go_to_line(p, moved, s);
+        go_to_line(p, moved, begin_at, s);
     else
         begin(p, s);
     for (int i = 0; i < m; i++)
@@ -545,8 +606,8 @@ static real serve(const ca_problem *p, const real *goals, const real *reference,
         int homeward = -1;
         for (int i = 0; i < first; i++) {
             const int axis = p->order[i];
-            ways[i] = goals[axis] - (real)p->begin[i];
-            rest[i] = moved ? (real)p->begin[i] - value_of(s, variables[i]) : 0;
+            ways[i] = goals[axis] - begin_at[i];
+            rest[i] = moved ? begin_at[i] - value_of(s, variables[i]) : 0;
         }
         const real size = direction_of(first, ways, direction);
         const real distance = direction_of(first, rest, back);
@@ -610,7 +671,7 @@ static real serve(const ca_problem *p, const real *goals, const real *reference,
         axes[k] = value_of(s, n + k);
     for (int i = 0; first > 1 && i < first; i++) {
         const int axis = p->order[i];
-        axes[axis] = share >= 1 ? goals[axis] : (real)p->begin[i] + share * ways[i];
+        axes[axis] = share >= 1 ? goals[axis] : begin_at[i] + share * ways[i];
         if (left > 0)
             axes[axis] -= left * rest[i];
     }
@@ -620,7 +681,7 @@ static real serve(const ca_problem *p, const real *goals, const real *reference,
 static void scale(const ca_problem *p, const ca_real *u, real *goals)
 {
     for (int k = 0; k < CA_AXES(p); k++)
-        goals[k] = ((real)u[k] - (real)p->center[k]) / (real)p->extent[k];
+        goals[k] = ((real)u[k] - center_of(p, k)) / extent_of(p, k);
 }
 
 #if SETS_UP
@@ -768,7 +829,7 @@ int SERVE(const ca_problem *p, const ca_real *u, ca_served *served, int *pivots,
     served->unique = choices == 0;
     served->least = choices < 2;
     for (int k = 0; k < m; k++)
-        wrench[k] = (ca_real)((real)p->center[k] + (real)p->extent[k] * axes[k]);
+        wrench[k] = (ca_real)(center_of(p, k) + extent_of(p, k) * axes[k]);
     /* The small pivots of almost symmetric vehicles lose digits. */
     ca_leave(p, wrench, thrusts, missed);
     const ca_real tolerance = CA_TOLERANCE * ca_max(1, ca_length(m, wrench));

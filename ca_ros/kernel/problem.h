@@ -52,9 +52,24 @@ typedef struct {
     ca_real airmode[2];      /* how far thrust may rise above its demand for the first group, and for
                                 the others, as shares of its range; 1 is no limit. For the others
                                 it is at most as far */
+    int refined;             /* nonzero if the next two are given. In double precision it has no effect */
+    ca_real rest[CA_M][CA_N]; /* what Gamma has beyond its numbers in single precision */
+    int nearly_level;        /* nonzero if a rate of the simplex method may be so small that single
+                                precision takes it for zero, and is not zero; see
+                                `ca_ros.allocation.box_backend.has_nearly_level_edges` */
     int reports_health;      /* nonzero if the next is given */
     int impaired[CA_N];      /* nonzero if the health of a rotor lowers its upper bound */
 } ca_options;
+
+/* In single precision Gamma has a second part, for what is served in double precision. */
+#ifdef CA_FLOAT
+#define CA_REST(X) \
+    X(int, refined, )                       /* whether the next two are given */ \
+    X(int, nearly_level, ) \
+    X(ca_real, rest, [CA_M][CA_N])
+#else
+#define CA_REST(X)
+#endif
 
 /* The prepared problem. It is constant data, and may be in flash. The least norm is that of the
  * deviations g = weight (f - preferred).
@@ -63,6 +78,7 @@ typedef struct {
     X(int, n, )                             /* number of rotors */ \
     X(int, m, )                             /* number of axes */ \
     X(ca_real, gamma, [CA_M][CA_N])         /* control allocation matrix */ \
+    CA_REST(X) \
     X(ca_real, lower, [CA_N])               /* bounds of the thrusts f [N] */ \
     X(ca_real, upper, [CA_N]) \
     X(ca_real, least, [CA_N])               /* the bounds at the set-up */ \
