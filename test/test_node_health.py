@@ -13,8 +13,9 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros import Exact, Vehicle
+from ca_ros import Exact, Vehicle, make_allocator
 from ca_ros.allocation.reconfiguration import Reconfiguration
+from ca_ros.nodes.messages import speeds_message
 from ca_ros.nodes.rotors import Rotors
 from ca_ros.nodes.topics import STANDING
 from ca_ros.parameter_files import load
@@ -34,7 +35,7 @@ VEHICLES = length(
 PAIRS = length(12, 60)
 APART = 0.001, 0.002, 0.004  # time between two messages [s]
 FLOOD = length(0.7, 10.0)  # time of a flood [s]
-RATES = length([2000.0], [100.0, 1000.0, 5000.0])  # of the messages of a flood, at most [Hz]
+RATES = length([2000.0], [100.0, 500.0, 2000.0, 5000.0])  # of its messages, at most [Hz]
 
 CHANGES = length(6, 30, 200)  # of which that time is measured
 
@@ -170,6 +171,35 @@ def test_a_flood_of_health_ends_no_node_and_the_last_message_holds(
         flown.diagnostics.wait(
             'allocator', lambda *status: status[2].get('voltage in use [V]') == '14',
             'the last voltage')
+
+
+@pytest.mark.parametrize('vehicle', length(['hexarotor_tilting'], VEHICLES))
+def test_in_lockstep_each_wrench_gets_the_answer_of_the_health_with_its_stamp(
+        graph, tmp_path, vehicle):
+    """Among older health, health that is no health, and wrenches that come twice or first."""
+    flown = Flown(
+        graph, tmp_path, vehicle, '--ros-args', '-p', 'mode:=lockstep', '-p', 'await_health:=true')
+    sound, rng = make_allocator('exact', flown.vehicle), np.random.default_rng(0)
+    rows = [AXES.index(axis) for axis in flown.vehicle.axes]
+    for step in range(1, length(40, 1500)):
+        time, health = step * 10**7, rng.choice([0.0, 0.5, 1.0], flown.n, p=[0.1, 0.2, 0.7])
+        expected = sound.with_health(health).allocate(flown.demand[rows]).command[:flown.n]
+        asked = wrench(flown.demand, time, 'base_link')
+        told = speeds_message(health, time, 'rotor health')
+        order = [flown.command.publish, flown.health.publish]
+        others = [
+            (order[1], speeds_message(rng.permutation(health), time - 10**7, 'rotor health')),
+            (order[1], Float64MultiArray(data=[2.0] * flown.n)),
+            (order[0], asked), (order[1], told)]
+        for publish, message in [*(others[i] for i in rng.permutation(4)), (order[1], told)]:
+            publish(message)
+        label = f'stamp {time}'
+        graph.spin_until(
+            lambda label=label: flown.speeds and flown.speeds[-1].layout.dim[1].label == label,
+            'an answer', repeat=lambda asked=asked: flown.command.publish(asked))
+        answers = [each for each in flown.speeds if each.layout.dim[1].label == label]
+        for each in answers:
+            np.testing.assert_array_equal(each.data, expected)
 
 
 @pytest.mark.parametrize('vehicle', length(['hexarotor_tilting'], SHIPPED))
