@@ -11,14 +11,16 @@ from numpy import empty, ndarray
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator
-from ca_ros.allocation.backends import backend_of
+from ca_ros.allocation.box_backend import BoxBackend, BoxKernel, BoxNumpy
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.explanation import Explanation
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
+from ca_ros.allocation.sets_backend import SetsKernel, SetsNumpy
 from ca_ros.arrays import Array, floats
-from ca_ros.kernel import INVALID
+from ca_ros.kernel import INVALID, chosen, warn_if_missing
 from ca_ros.problem.audit import Audit
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.solver.convex_sets import Box
 
 EXACT = Status.EXACT  # a name of its own is found faster than a member
 new = object.__new__
@@ -33,6 +35,28 @@ def processors() -> int:
     if hasattr(os, 'sched_getaffinity'):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+Backend = BoxBackend | SetsNumpy | SetsKernel
+
+
+def backend_of(problem: AllocationProblem, settings: ExactSettings) -> Backend:
+    """Return the backend of a problem: for a box or for convex sets, in C or in NumPy.
+
+    NumPy does what the kernel was not built for, or has no room for.  Raises a ValueError if the
+    problem's admissible set has no volume, or a setting does not suit the problem.
+    """
+    if isinstance(problem.sets, Box):
+        kernel = chosen(problem.n, len(problem.axes))
+        if kernel is not None:
+            return BoxKernel(kernel, problem, settings)
+        warn_if_missing()
+        return BoxNumpy(problem, settings)
+    backend = SetsNumpy(problem, settings)
+    if backend.engine == 'NumPy':
+        warn_if_missing()
+    made = backend.kernel()
+    return backend if made is None else SetsKernel(made, backend)
 
 
 class Exact(Allocator):

@@ -14,7 +14,7 @@ from ca_ros.allocation.certificate import Certificate, certify
 from ca_ros.allocation.explanation import Explanation, explain
 from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import vehicle_of, vehicle_problem
+from ca_ros.problem.vehicle_problem import vehicle_problem
 
 
 class Status(IntEnum):
@@ -60,7 +60,8 @@ class Answer:
 
         Raises a TypeError if the problem has no vehicle.
         """
-        return vehicle_of(self.problem).speeds(self.problem.sizes(self.thrusts))
+        problem = vehicle_problem(self.problem)
+        return problem.vehicle.speeds(problem.sizes(self.thrusts))
 
     @property
     def angles(self) -> Array:
@@ -73,7 +74,8 @@ class Answer:
     @property
     def command(self) -> Array:
         """What a simulated vehicle takes: the speeds, and the angles behind them (n + k,)."""
-        return np.concatenate([self.speeds, self.angles], axis=-1)
+        return vehicle_problem(self.problem).vehicle.servos.command(
+            self.speeds, lambda: self.angles)
 
     @property
     def wrench(self) -> Array:

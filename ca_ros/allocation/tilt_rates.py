@@ -91,7 +91,7 @@ class TiltLimited:
         last = numbers('speeds', speeds, self.vehicle.n)
         turned = numbers('angles', angles, len(self._servos.rotors))
         turned = self._servos.within(turned)
-        reach = joined(self._reachable(last, turned, period))
+        reach = joined(self.vehicle, self._reachable(last, turned, period))
         problem = VehicleProblem(self.vehicle, reach, turned)
         if not problem.has_volume:
             # The period is too short for any change.

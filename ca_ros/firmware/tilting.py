@@ -17,7 +17,7 @@ from ca_ros.kernel import extension
 from ca_ros.kernel.vectored import made, padded
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import ParameterError
-from ca_ros.solver.box import Box
+from ca_ros.solver.convex_sets import Box
 from ca_ros.vehicle.vehicle import Vehicle
 
 

@@ -175,8 +175,7 @@ class AdmissibleSet:
         served, levels = u.copy(), np.ones(u.shape)
         if u.ndim == 1:
             # For a single wrench, computing all facets would take too long.
-            program = self.problem.program
-            if program.attains_unbounded(u) or program.attains(u):
+            if self.problem.program.attains(u):
                 return served, levels
             answer = serve(u)
             return answer.wrenches, answer.levels

@@ -151,7 +151,7 @@ class Audit:
             size = float(np.linalg.norm(self.side_force))
             parts.append(f'hover leaves a side force of {size:.2g} N: it drifts')
         if self.keeps_hovering:
-            if self.controllable.facet_choices <= STATED_CHOICES_MAX:
+            if self.controllable.program.facet_choices <= STATED_CHOICES_MAX:
                 parts.append(f'hover margin {self.controllable_hover_margin:.3g} [N, N m]')
             ranges = (f'{axis} {self.ends(axis)} {unit(axis)}' for axis in self.authority)
             parts.append(f'around hover: {", ".join(ranges)}')
@@ -180,7 +180,7 @@ class Audit:
     def _angle_of_facets(self) -> float:
         """Return the greatest angle between facets that is in `ROUNDED` [rad]; 0 if none is."""
         problem = self.independent
-        if not problem.has_volume or problem.facet_choices > STATED_CHOICES_MAX:
+        if not problem.has_volume or problem.program.facet_choices > STATED_CHOICES_MAX:
             return 0.0
         normals = facet_normals(unit_rows(problem))
         products = np.triu(normals @ normals.T, 1)

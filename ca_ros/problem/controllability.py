@@ -154,7 +154,7 @@ def side_force(problem: VehicleProblem, thrusts: Array) -> Array:
 def authority(problem: VehicleProblem) -> dict[str, tuple[float, float]]:
     """Return the range of each axis around hover with the other axes at hover [N, N m]."""
     ways = np.diag(problem.extent)
-    if problem.facet_choices <= STATED_CHOICES_MAX:
+    if problem.program.facet_choices <= STATED_CHOICES_MAX:
         ends = problem.box.attainable_set.reach(problem.hover, np.concatenate([-ways, ways]))
     else:
         ends = np.array([problem.reach(problem.hover, way) for way in (*-ways, *ways)])

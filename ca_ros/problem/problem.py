@@ -7,7 +7,7 @@ from copy import copy
 from functools import cached_property
 from math import hypot
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,8 +24,7 @@ from ca_ros.problem.programs import (
 )
 from ca_ros.problem.supported_set import SupportedSet
 from ca_ros.settings import Numbers, ParameterError
-from ca_ros.solver.box import Box
-from ca_ros.solver.convex_sets import ConvexSet, ConvexSets
+from ca_ros.solver.convex_sets import Box, ConvexSet, ConvexSets
 from ca_ros.solver.least_norm_qp import meets
 from ca_ros.solver.zonotope import Zonotope, decomposition
 from ca_ros.vehicle.files import shipped_problems
@@ -107,6 +106,7 @@ class AllocationProblem:
 
     unit = ''
     """The unit of the effectors in messages, after a space."""
+    sets: Any
     axis_units: tuple[str, ...] = ()
     advice = ''
     """What the error of a set without volume recommends."""
@@ -290,11 +290,6 @@ class AllocationProblem:
         return self.program.attainable_set
 
     @property
-    def facet_choices(self) -> int:
-        """Number of choices of m - 1 rotors; each may span a facet of `attainable_set`."""
-        return self.program.facet_choices
-
-    @property
     def described(self) -> str:
         """The number of effectors and the axes, in words."""
         return f'{len(self.sets.first)} {self.effector_kind}, axes {", ".join(self.axes)}'
@@ -369,7 +364,7 @@ class AllocationProblem:
 
     def sizes(self, thrusts: Array) -> Array:
         """Return the number of each effector, or the length of its vector, (..., k)."""
-        return self.sets.lengths(thrusts)
+        return self.sets.sizes(thrusts)
 
     def saturate(self, thrusts: Array) -> Array:
         """Return thrusts (..., n) as rotors saturate: angle and length clipped, one by one."""

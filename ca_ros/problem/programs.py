@@ -13,8 +13,7 @@ from ca_ros.arrays import Array, BoolArray
 from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.supported_set import SupportedSet
 from ca_ros.settings import ParameterError
-from ca_ros.solver.box import Box
-from ca_ros.solver.convex_sets import ConvexSets
+from ca_ros.solver.convex_sets import Box, ConvexSets
 from ca_ros.solver.least_norm_over_sets import SetsNewton
 from ca_ros.solver.least_norm_qp import DualNewton
 from ca_ros.solver.lexicographic_lp import Simplex
@@ -85,12 +84,9 @@ class BoxProgram:
 
     def attains(self, u: Array) -> bool:
         """Tell whether a wrench (m,) is attainable, up to `tolerance` and rounding errors."""
-        return self.least_norm.solve(u, float(tolerance(u))).attained
-
-    def attains_unbounded(self, u: Array) -> bool:
-        """Tell whether the pseudo-inverse of a wrench (m,) satisfies the bounds."""
         thrusts = self.least_norm.unbounded(u)
-        return bool((thrusts == self.sets.project(thrusts)).all())
+        within = bool((thrusts == self.sets.project(thrusts)).all())
+        return within or self.least_norm.solve(u, float(tolerance(u))).attained
 
     @cached_property
     def simplex(self) -> Simplex:
@@ -192,12 +188,9 @@ class SetsProgram:
 
     def attains(self, u: Array) -> bool:
         """Tell whether a wrench (m,) is attainable."""
-        return bool(self.least_norm.solve(u[None]).attained[0])
-
-    def attains_unbounded(self, u: Array) -> bool:
-        """Tell whether the pseudo-inverse of a wrench (m,) is in the sets."""
         vectors = np.linalg.pinv(self.matrix) @ u
-        return bool(np.abs(vectors - self.sets.project(vectors)).max() < 1e-12)
+        within = bool(np.abs(vectors - self.sets.project(vectors)).max() < 1e-12)
+        return within or bool(self.least_norm.solve(u[None]).attained[0])
 
     def reach(self, start: Array, direction: Array, limit: float) -> float:
         """Return the greatest t <= limit for which ``start + t direction`` is attainable."""

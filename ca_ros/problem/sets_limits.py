@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import pi
-from typing import Any
 
 import numpy as np
 
@@ -43,7 +42,7 @@ def limits_of_vectors(
     - `serve`: returns the wrench (m,) that the priorities serve with other sets
     - `by_rate` (n,): whether rates limit the length, or the tilt, of the components' vectors
     """
-    sets: Any = problem.sets
+    sets = problem.sets
     wrench = serve(sets)
     misses = (served < 1.0) & (shares(problem, demand, wrench) < 1.0)
 

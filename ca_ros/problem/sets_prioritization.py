@@ -24,8 +24,7 @@ from ca_ros.problem.prioritization import (
 from ca_ros.problem.problem import INSIDE, AllocationProblem
 from ca_ros.problem.sets_limits import limits_of_vectors
 from ca_ros.settings import ParameterError
-from ca_ros.solver.box import Box
-from ca_ros.solver.convex_sets import ConvexSets, Interval
+from ca_ros.solver.convex_sets import Box, ConvexSets, Interval
 from ca_ros.solver.faces import LEVEL, face, independent, whole
 from ca_ros.solver.least_norm_over_sets import SetsNewton
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from ca_ros.arrays import Array, IntArray
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.solver.box import Box
-from ca_ros.solver.convex_sets import ConvexSet, ConvexSets, Interval, Sector
+from ca_ros.solver.convex_sets import Box, ConvexSet, ConvexSets, Interval, Sector
 from ca_ros.vehicle.servos import FIXED
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
@@ -89,11 +88,6 @@ class VehicleProblem(AllocationProblem):
         """Whether hover is inside the admissible set, not on its boundary."""
         return self.reference_inside
 
-    def sizes(self, thrusts: Array) -> Array:
-        """Return the thrust (..., n) of each rotor, within its bounds."""
-        sizes = super().sizes(thrusts)
-        return np.minimum(np.maximum(sizes, self.vehicle.thrust_min), self.vehicle.thrust_max)
-
     def forces(self, thrusts: Array) -> Array:
         """Return the force (n, 3) of each rotor in the body frame for components (n,) [N]."""
         return np.add.reduceat(thrusts[:, None] * self.directions, self.sets.first)
@@ -157,12 +151,16 @@ def thrust_sets(vehicle: Vehicle) -> tuple[Box | ConvexSets, Array]:
         else:
             half = pi if span > pi + FIXED else min(span / 2.0, pi / 2)
             found.append((Sector(half, most, 2, least), rows[:2]))
-    return joined(found)
+    return joined(vehicle, found)
 
 
-def joined(found: Sequence[tuple[ConvexSet, Array]]) -> tuple[ConvexSets, Array]:
-    """Return the product of sets, and the directions of all their components."""
-    return ConvexSets([each for each, _ in found]), np.concatenate([rows for _, rows in found])
+def joined(
+    vehicle: Vehicle, found: Sequence[tuple[ConvexSet, Array]]
+) -> tuple[ConvexSets, Array]:
+    """Return the product of sets of thrusts, and the directions of all their components."""
+    limits = vehicle.thrust_min, vehicle.thrust_max
+    return ConvexSets([each for each, _ in found], limits), np.concatenate(
+        [rows for _, rows in found])
 
 
 def problem_of(problem: Vehicle | AllocationProblem) -> AllocationProblem:

@@ -157,6 +157,10 @@ class Servos:
             found = np.where(self._second, betas, found)
         return self.within(found)
 
+    def command(self, speeds: Array, angles: Callable[[], Array]) -> Array:
+        """Return speeds (..., n) with the angles behind them (..., n + k), if there are any."""
+        return np.concatenate([speeds, angles()], axis=-1) if self.rotors else speeds
+
     def stuck(self, rotor: int, angle: float) -> Servos:
         """Return the servos with that of a rotor (from 0) stuck at an angle [rad].
 

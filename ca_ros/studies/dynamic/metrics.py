@@ -180,7 +180,7 @@ def _legs(
 
 def has_margin(problem: AllocationProblem) -> bool:
     """Return whether facets give the margins; a search takes 50 ms for a wrench."""
-    return problem.facet_choices <= CHOICES_MAX
+    return problem.program.facet_choices <= CHOICES_MAX
 
 
 def _margin(vehicle: Vehicle, axes: Sequence[str], wrenches: Array) -> Any:
