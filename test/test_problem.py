@@ -9,12 +9,15 @@ from ca_ros import (
     ALLOCATORS,
     AdmissibleSet,
     AllocationProblem,
+    Interval,
     ParameterError,
+    Sector,
     Status,
     Vehicle,
     make_allocator,
 )
-from ca_ros.problem.problem import lengths
+from ca_ros.allocation.rates import WithinRates
+from ca_ros.problem.programs import lengths
 from strategies import around, by_daqp, by_quadprog, length
 
 PROBLEMS = length(8, 60, 1000)
@@ -234,3 +237,67 @@ def test_effectors_have_names_and_a_kind(tmp_path):
 def test_a_vehicle_is_not_read_from_the_file_of_a_problem():
     with pytest.raises(ParameterError, match=r'admire\.yaml: a problem without a vehicle'):
         Vehicle.load('admire')
+
+
+# Sets, servos and state
+
+@pytest.mark.parametrize('given', [
+    {}, {'lower': 0.0}, {'upper': 1.0}, {'lower': 0.0, 'upper': 1.0, 'sets': [Interval(0, 1)]},
+    {'lower': 0.0, 'sets': [Interval(0.0, 1.0)]},
+], ids=str)
+def test_a_problem_has_bounds_or_sets(given):
+    with pytest.raises(TypeError, match='expected lower and upper, or sets'):
+        AllocationProblem([[1.0]], **given)
+
+
+def test_components_of_sets_are_as_many_as_columns():
+    with pytest.raises(ValueError, match='sets: expected 3 components, got 2'):
+        AllocationProblem(np.eye(3), sets=[Sector(0.5, 1.0)])
+
+
+def test_the_angles_of_a_vehicle_without_servos_are_empty():
+    allocator = make_allocator('exact', Vehicle.load('hexarotor'))
+    answer = allocator.allocate([9.81, 0.1, 0.0, 0.0])
+    assert answer.angles.shape == (0,)
+    np.testing.assert_array_equal(answer.command, answer.speeds)
+    batch = allocator.allocate_batch(np.tile([9.81, 0.0, 0.0, 0.0], (3, 1)))
+    assert batch.angles.shape == (3, 0)
+
+
+def test_the_angles_of_a_batch_are_those_of_its_answers():
+    allocator = make_allocator('exact', Vehicle.load('tricopter'))
+    hover = allocator.problem.reference
+    batch = allocator.allocate_batch([hover, 1.1 * hover])
+    alone = [allocator.allocate(u).angles for u in (hover, 1.1 * hover)]
+    np.testing.assert_array_equal(batch.angles, alone)
+
+
+@pytest.mark.parametrize('name', ['hexarotor_realistic', 'hexarotor_tilting'])
+def test_answers_within_rates_leave_allocator_and_problem_as_they_are(name):
+    vehicle = Vehicle.load(name)
+    allocator = make_allocator('exact', vehicle)
+    allocator.allocate(allocator.problem.reference).command  # noqa: B018 (what is cached)
+    before = [{**vars(each)} for each in (allocator, allocator.problem)]
+    rates, last = WithinRates(allocator), vehicle.idle_command
+    first = rates.allocate(allocator.problem.reference, last, 10_000_000, 0)
+    for size in (0.2, 3.0):
+        rates.allocate(size * allocator.problem.reference, first.command, 30_000_000, 10_000_000)
+    again = rates.allocate(allocator.problem.reference, last, 10_000_000, 0)
+    assert again.command.tobytes() == first.command.tobytes()
+    assert [{**vars(each)} for each in (allocator, allocator.problem)] == before
+
+
+def test_osqp_is_judged_by_its_residual_and_depends_on_the_wrench_alone():
+    pytest.importorskip('osqp')
+    osqp = make_allocator('osqp', Vehicle.load('hexarotor'))
+    rng, problem = np.random.default_rng(1), osqp.problem
+    wrenches = AdmissibleSet(problem).sample(rng, 20)
+    answers = [osqp.allocate(u) for u in wrenches]
+    for u, answer in zip(wrenches, answers, strict=True):
+        exact = problem.is_exact(u, answer.thrusts)
+        assert answer.status is (Status.EXACT if exact else Status.INEXACT)
+        np.testing.assert_array_equal(osqp.allocate(u).thrusts, answer.thrusts)
+    # A thrust of ten times the weight is not attainable.
+    answer = osqp.allocate(10.0 * problem.reference)
+    assert answer.status is Status.REJECTED
+    np.testing.assert_array_equal(answer.thrusts, problem.resting_thrusts)

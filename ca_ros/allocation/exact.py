@@ -93,8 +93,6 @@ class Exact(Allocator):
         Diagonal of W, positive, at most 1e4 times each other.
     preferred : float or (n,) array, default 0
         Preferred thrusts f_p [N].
-    solver : {'newton', 'osqp'}, default 'newton'
-        Where the solver starts: at the pseudo-inverse, or at the solution of OSQP.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ class Osqp(Allocator):
 
     OSQP stops at its default tolerances, so the answers are seldom exact, least of all on the
     boundary of the admissible set, and its status does not show that.  The status here is that of
-    the residual.  A wrench for which OSQP finds no thrusts is rejected.
+    the residual.  A wrench that OSQP finds infeasible is rejected.
 
     Raises a ParameterError if the package osqp is not installed.
     """
@@ -40,7 +40,10 @@ class Osqp(Allocator):
     def _allocate(self, u: Array) -> Allocation:
         # OSQP adapts rho and keeps it: the answer would depend on the wrenches before this one.
         self._solver.update_settings(rho=self._rho)
-        return self._clipped(u, np.asarray(self._solve(u).x, dtype=float))
+        found = self._solve(u)
+        # Of an infeasible program OSQP returns 0x7fc00000 as a number, where it means NaN.
+        infeasible = 'infeasible' in found.info.status
+        return self._clipped(u, np.where(infeasible, np.nan, np.asarray(found.x, dtype=float)))
 
 
 def osqp_program(

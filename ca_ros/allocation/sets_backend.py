@@ -15,7 +15,7 @@ from ca_ros.allocation.explanation import (
 )
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
-from ca_ros.kernel.vectored import KernelNewton, fields_of, sets_newton
+from ca_ros.kernel.vectored import fields_of, sets_newton
 from ca_ros.problem.limits import Limits, shares
 from ca_ros.problem.prioritization import airmode_limits
 from ca_ros.problem.problem import INSIDE, AllocationProblem
@@ -105,11 +105,8 @@ class SetsNumpy:
 
     def kernel(self) -> Any:
         """Return a `Vectored` of the extension module; None if it has no room for the problem."""
-        solver = self._solver
-        if not isinstance(solver, KernelNewton):
-            return None
-        fits = solver.prioritizes or self._settings.status is not Status.PRIORITIZED
-        return solver.with_policy(**self._policy) if fits else None
+        fits = self._solver.prioritizes or self._settings.status is not Status.PRIORITIZED
+        return self._solver.with_policy(**self._policy) if fits else None
 
     def allocate(self, u: Array, demand: Array, thrusts: Array) -> Any:
         """Copy u to `demand`, and write its vectors; see `ca_ros.kernel.Kernel.allocate`."""

@@ -48,15 +48,13 @@ class TiltLimited:
     Raises
     ------
     ParameterError
-        If no rotor of the vehicle tilts, or a rate is not positive.
+        If a rate is not positive.
     """
 
     def __init__(
         self, vehicle: Vehicle, speed_rate: ArrayLike, tilt_rate: ArrayLike,
         settings: ExactSettings | None = None, braking: ArrayLike | None = None,
     ) -> None:
-        if not len(vehicle.servos):
-            raise ParameterError('vehicle: no rotor tilts; SlewLimited takes this vehicle')
         self.vehicle, self._servos = vehicle, vehicle.servos
         self.settings = ExactSettings() if settings is None else settings
         self.speed_rate = numbers('speed_rate', speed_rate, vehicle.n)

@@ -12,7 +12,7 @@ from ca_ros.allocation.sets_backend import SetsNumpy
 from ca_ros.allocation.settings import AllocationSettings
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
-from ca_ros.firmware.firmware import Firmware
+from ca_ros.firmware.firmware import Fields, Firmware
 from ca_ros.kernel import extension
 from ca_ros.kernel.vectored import made, padded
 from ca_ros.problem.problem import AllocationProblem
@@ -20,9 +20,14 @@ from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import Box
 from ca_ros.vehicle.vehicle import Vehicle
 
+MODULES = {'single': 'vectored_single', 'double': 'vectored'}
+
 
 class TiltingFirmware(Firmware):
     """`Firmware` with a command of rotor speeds, and behind them servo angles."""
+
+    template = 'tilting'
+    has_margin = False
 
     @classmethod
     def _made(
@@ -36,20 +41,21 @@ class TiltingFirmware(Firmware):
                 f'{limited}: the firmware of rotors that tilt does not limit rates: leave it out '
                 'of the file, and limit the rates behind the allocator'
             )
-        module = extension('vectored_single' if precision == 'single' else 'vectored')
+        module = extension(MODULES[precision])
         if module is None or components(problem, settings) > module.N:
             raise ParameterError(
                 f'the extension module ca_ros.kernel._vectored is not built, or the vectors of '
                 f'the rotors have more than 32 components: {components(problem, settings)}, with '
                 f'those of the axes for the policy prioritize'
             )
-        fields = [SetsNumpy(each.problem, settings.exact).fields for each in faults]
-        firmware = cls(faults, [made(module, each) for each in fields], settings, precision)
-        firmware.__dict__['constants'] = [padded(module, each) for each in fields]
-        return firmware
+        fields = (SetsNumpy(each.problem, settings.exact).fields for each in faults)
+        return cls(faults, [made(module, each) for each in fields], settings, precision)
 
-    template = 'tilting'
-    has_margin = False
+    @cached_property
+    def constants(self) -> Sequence[Fields]:
+        """For each fault, the fields of its problem in C."""
+        exact, module = self.settings.exact, extension(MODULES[self.precision])
+        return [padded(module, SetsNumpy(each.problem, exact).fields) for each in self.faults]
 
     def drawn(
         self, fault: int, rng: np.random.Generator, size: int

@@ -138,6 +138,4 @@ def sets_newton(
 
 def priorities(solver: SetsNewton, fields: Mapping[str, Array]) -> Any:
     """Return a `Vectored` that prioritizes; None if NumPy is to do it."""
-    if not isinstance(solver, KernelNewton) or not solver.prioritizes:
-        return None
-    return solver.with_policy(**fields)
+    return solver.with_policy(**fields) if solver.prioritizes else None

@@ -10,7 +10,7 @@ EXPLAINED_MAX = 10000  # choices of rotors up to which answers are explained, in
 
 def explained(answer: Allocation) -> bool:
     """Return whether an answer is explained while a node flies."""
-    return answer.problem.facet_choices <= EXPLAINED_MAX
+    return answer.problem.program.facet_choices <= EXPLAINED_MAX
 
 
 class Cuts:

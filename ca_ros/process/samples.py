@@ -7,7 +7,7 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.messages import pose_arrays, stamp_of, twist_arrays
-from ca_ros.nodes.topics import POSE, SPEEDS, TILTS, VELOCITY
+from ca_ros.nodes.topics import POSE, SPEEDS, TILTS, VELOCITY, needed
 from ca_ros.simulation.record import Flight
 
 SAMPLED = (POSE, VELOCITY, SPEEDS)  # the topics of a sample; if rotors tilt, also `TILTS`
@@ -67,7 +67,8 @@ class Samples:
         With `servos`, a sample has tilt angles, too.
         """
         self._rotors = rotors
-        self._columns = (*COLUMNS, 'angles') if servos else COLUMNS
+        angles = ('angles' for _ in needed((SPEEDS, TILTS), servos)[1:])
+        self._columns = (*COLUMNS, *angles)
         for sample in self._samples.values():
             if 'speeds' in sample:
                 self._check_rotors(sample['speeds'])

@@ -69,6 +69,8 @@ class SetsNewton:
     """
 
     engine = 'NumPy'
+    prioritizes = False
+    """Whether `with_policy` has room for priorities."""
 
     def __init__(
         self, matrix: Array, sets: ConvexSets, weights: Array | None = None,
@@ -82,6 +84,9 @@ class SetsNewton:
         self.rates = self.basis / self.weights[:, None]
         ends = np.abs([sets.lower - self.preferred, sets.upper - self.preferred])
         self.greatest = float((self.weights * ends).max())
+
+    def with_policy(self, **policy: Any) -> Any:
+        """Return None: there is nothing in C that serves unattainable wrenches by a policy."""
 
     def least_norm(self, multipliers: Array) -> Array:
         """Return the points (..., n) with the least cost for multipliers (..., m)."""

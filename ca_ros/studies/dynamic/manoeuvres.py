@@ -1,6 +1,5 @@
 """Manoeuvres that saturate the rotors, drawn from seeds, behind a controller without a limit."""
 
-import copy
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -42,9 +41,7 @@ class Unlimited(Controller):
 
 def unlimited(controller: Controller) -> Controller:
     """Return a controller without its limit."""
-    free = copy.copy(controller)
-    free.__class__ = Unlimited
-    return free
+    return Unlimited(controller.vehicle, controller.settings, controller.priorities)
 
 
 def upset(
