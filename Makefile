@@ -64,7 +64,7 @@ help:
 	@echo 'make benchmark  time everything beside other solvers, for minutes; results in benchmarks'
 	@echo 'make compare BASE=COMMIT   times and answers of HEAD beside those of another commit'
 	@echo 'make soak       reliability in the long run, for half an hour or more; results in out/soak'
-	@echo 'make readme     regenerate what the pages show: example, parameters, pictures, animation'
+	@echo 'make readme     regenerate what the pages show: example, parameters, pictures'
 	@echo 'make explorer   build the page of ca_ros explore; needs npm, clang and lld'
 	@echo 'make docs       the pages and the API reference as HTML, in out/docs'
 	@echo 'make venv       only set up .venv, with the rclpy of ROS 2 Jazzy'
@@ -123,7 +123,7 @@ readme: demo
 	cp out/failure/failure.png docs
 	.venv/bin/python docs/scripts/plant_effects.py
 	.venv/bin/python docs/scripts/comparison.py
-	.venv/bin/python docs/scripts/detection.py --animation docs/detection.gif
+	.venv/bin/python docs/scripts/first_picture.py
 
 explorer: ca_ros/explorer.html
 

@@ -365,8 +365,8 @@ def test_intervals_of_shares_and_medians():
     ('--seeds 0', "argument --seeds: '0' is not a positive whole number"),
     ('--seeds 50', '--seeds: only with --manoeuvres'),
     ('--manoeuvres upsets --detect --fail 1@2', 'not with --detect, --fail'),
-    ('--manoeuvres upsets --duration 10 --plot-rows tilt --figures png --animate',
-     'not with --animate, --duration, --figures, --plot-rows'),
+    ('--manoeuvres upsets --duration 10 --plot-rows tilt --figures png',
+     'not with --duration, --figures, --plot-rows'),
     ('--manoeuvres upsets --announce never --waypoint 1 1 1', 'not with --announce, --waypoint'),
     ('--view', 'unrecognized arguments: --view')])
 def test_options_that_would_be_ignored_are_refused(words, error, capsys):

@@ -10,19 +10,13 @@ import pytest
 from matplotlib import image
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from PIL import Image
 
 from ca_ros import Vehicle
 from ca_ros.bringup.report import draw_flight
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.figures import COLORS, FORMATS, formats, millimetres, save
-from ca_ros.simulation.closed_loop import fly
 from ca_ros.simulation.record import Flight
-from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
-from ca_ros.studies.cases import Case
-from ca_ros.studies.dynamic.animation import BODY, FRONT, LOST, THRUST, animate
-from ca_ros.studies.dynamic.metrics import Flights, sample_errors
 from strategies import FLEET, length
 
 WAYPOINT = Waypoint.of(1.0, 1.0, 1.0, np.radians(45.0))
@@ -106,35 +100,3 @@ def test_a_width_is_a_name_or_millimetres():
     for wrong in ('', 'wide', '79', '501', 'nan', '-100'):
         with pytest.raises(argparse.ArgumentTypeError, match='column, page or 80 to 500 mm'):
             millimetres(wrong)
-
-
-# The animation
-
-@pytest.mark.long
-def test_an_animation_shows_the_lost_rotor_from_its_failure_on(tmp_path):
-    case, failures = Case.load('hexarotor'), RotorFailures((RotorFailure(1, 0.8),), 0.1)
-    flights, samples = {}, {}
-    for method in ('exact', 'fixed_pseudo_inverse'):
-        changes = case.announced(method, failures)
-        flight = flights[method] = fly(
-            case.controller(), case.allocator(method), case.body(), WAYPOINT, 1.2, changes=changes,
-            failures=failures)
-        samples[method] = sample_errors(
-            flight, case.controller(), WAYPOINT, changes, failures=failures)
-    path = tmp_path / 'animation.gif'
-    goal = Trajectory.to(WAYPOINT)
-    animate(path, Flights(flights, samples, case.vehicle, goal, failures))
-    with Image.open(path) as film:
-        assert film.n_frames == 15
-        assert film.info['loop'] == 0
-        lost = []
-        for i in range(film.n_frames):
-            film.seek(i)
-            frame = np.asarray(film.convert('RGB')) / 255.0
-            # The left half of the part above the plots; vehicle, thrusts and front are drawn.
-            scene = frame[: int(0.6 * frame.shape[0]), : frame.shape[1] // 2]
-            assert all(pixels_of(scene, color) > 100 for color in (BODY, THRUST, FRONT)), i
-            lost.append(pixels_of(scene, LOST) > 100)
-    # 12.5 frames a second: the frame at 0.8 s is the eleventh.
-    assert lost == [False] * 10 + [True] * 5
-    assert path.stat().st_size < 500_000

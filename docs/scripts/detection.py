@@ -3,21 +3,17 @@
 import argparse
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from time import process_time
 
 import numpy as np
 from pages import distance, fill, flown, keep, shipped, trajectory
 
-from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.simulation.closed_loop import Change, Detection, waypoint_changes
 from ca_ros.simulation.plant import Plant
 from ca_ros.simulation.rigid_body import RigidBody
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.studies.cases import Case
-from ca_ros.studies.dynamic.animation import animate
-from ca_ros.studies.dynamic.metrics import Flights, sample_errors
 from ca_ros.studies.tables import table
 from ca_ros.vehicle.files import read
 
@@ -287,23 +283,6 @@ def hours(options):
     print(f'{flights / 60:.2f} h, {alarms} flights with a false alarm, {spent:.0f} s')
 
 
-def animation(path):
-    """Animate one unannounced failure, with and without the detector."""
-    case, goal = Case.load('hexarotor_realistic'), Waypoint.of(0, 0, 1.2, 0)
-    failures = RotorFailures((RotorFailure(1, 3.0),), None)
-    flights, samples, detected = {}, {}, {}
-    for name, detection in (('with_detection', case.detection('exact')),
-                            ('without_detection', None)):
-        flights[name] = flown(case, goal, 6.5, detection=detection, failures=failures)
-        found = case.detected('exact', detection.found) if detection else []
-        detected[name] = [each.time / 1e9 for each in found]
-        vehicle = case.body().vehicle
-        samples[name] = sample_errors(
-            flights[name], case.controller(), goal, found, vehicle, failures)
-    trajectory = Trajectory.to(goal)
-    animate(path, Flights(flights, samples, case.vehicle, trajectory, failures, detected))
-
-
 def main():
     """Fill the tables of the page, or fly for hours without a failure."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -311,13 +290,10 @@ def main():
     add('--hours', type=float, default=0.0, help='fly so long without a failure [h]')
     add('--gusts', type=float, default=0.5, help='in these hours [m/s]')
     add('--first', type=int, default=0, help='seed of the first flight of these hours')
-    add('--animation', type=Path, metavar='FILE', help='write an animation of a failure instead')
     add('--vehicles', nargs='+', default=shipped(flying=True))
     add('--rotors', type=int, default=3, help='of each vehicle, in the table of conditions')
     options = parser.parse_args()
-    if options.animation:
-        animation(options.animation)
-    elif options.hours:
+    if options.hours:
         hours(options)
     else:
         fill('detection.md', flights=flights_table(options), limits=limits_table(options))

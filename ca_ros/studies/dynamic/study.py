@@ -22,7 +22,6 @@ from ca_ros.settings import ParameterError
 from ca_ros.simulation.closed_loop import Change, Found, fly, replay, waypoint_changes
 from ca_ros.simulation.record import Flight
 from ca_ros.studies.cases import Case
-from ca_ros.studies.dynamic.animation import animate
 from ca_ros.studies.dynamic.manoeuvres import MANOEUVRES, fly_seeds, summary
 from ca_ros.studies.dynamic.metrics import (
     RECOVERED,
@@ -82,7 +81,6 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     )
     add = made.add_argument
     add('--duration', type=positive(float), default=10.0, help='time of flight [s]')
-    add('--animate', action='store_true', help='also write animation.gif, which shows the flights')
     names = f'instead fly manoeuvres that saturate the rotors: {", ".join(MANOEUVRES)}'
     add('--manoeuvres', metavar='A,B', help=names)
     add('--seeds', type=positive(int), default=50, metavar='N', help='of each manoeuvre')
@@ -193,8 +191,6 @@ def _write(
     write(out / 'dynamic', rows, found, text)
     times = {name: [time / 1e9 for time, _ in found] for name, found in detected.items()}
     study = Flights(flights, samples, case.vehicle, options.goals, failures, times)
-    if options.animate:
-        animate(out / 'animation.gif', study)
     if options.figures:
         draw(out, study, options.figures, options.figure_width, options.plot_rows)
     return text
