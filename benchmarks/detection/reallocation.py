@@ -76,7 +76,7 @@ def flown(setup: Setup, condition: Condition, way: str, seed: int) -> Flown:
     allocation, lost = Allocation(vehicle), np.ones(vehicle.n)
     named: tuple[int, ...] = ()
     lost[rotor] = 0.0
-    detector: Any = setup.detector() if way == 'detected' else None
+    detector: Any = setup.detector(truth) if way == 'detected' else None
     rows, failed = [], -1
     for i in range(round(duration / PERIOD)):
         row, wrench = plant.sense()
@@ -132,7 +132,7 @@ def acting(setup: Setup, name: str, seed: int, duration: float = DURATION) -> Ac
     rng, vehicle, found = rng_of(seed, setup.name, name), setup.vehicle, Acted()
     truth, mission = FLOWN[name].draw(setup.model, rng, duration)
     plant = Plant(setup.model, truth, mission, int(rng.integers(2**63)))
-    allocation, detector, health = Allocation(vehicle), setup.detector(), np.ones(vehicle.n)
+    allocation, detector, health = Allocation(vehicle), setup.detector(truth), np.ones(vehicle.n)
     idle = np.full(vehicle.n, setup.model.slowest)
     for _ in range(round(duration / PERIOD)):
         row, wrench = plant.sense()
