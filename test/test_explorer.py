@@ -32,6 +32,7 @@ from ca_ros.studies.dynamic.manoeuvres import unlimited, upset
 from ca_ros.vehicle import files
 from ca_ros.vehicle.failures import read_failures, with_failures
 from ca_ros.vehicle.files import config_directory, read
+from ca_ros.vehicle.formats import mixers
 from ca_ros.vehicle.settings import MovingBodySettings
 from ca_ros.vehicle.state import NULL_STATE
 from strategies import need_kernel
@@ -728,7 +729,10 @@ def test_a_vehicle_without_inertia_is_shown_and_says_why_it_does_not_fly(page):
     show(page, yaml_of(given))
     assert page.locator('#status').inner_text() == 'EXACT'
     assert 'vehicle.inertia' in page.locator('#flight').inner_text()
-    assert page.locator('#fly').count() == 0
+    assert page.locator('#fly').is_hidden()
+    show(page, 'hexarotor')
+    assert page.locator('#fly').is_visible()
+    assert page.evaluate('explorer.air.stages[0].element.isConnected')
 
 
 def test_without_webgl_the_page_says_so_and_shows_the_sections(browser):
@@ -802,6 +806,30 @@ def test_normalised_positions_of_px4_need_a_length_and_others_are_refused_in_one
         page.wait_for_function('document.querySelector("#fault").textContent')
         assert fault in page.locator('#fault').inner_text()
         page.evaluate('document.querySelector("#fault").textContent = ""')
+
+
+@pytest.mark.parametrize('style', ['betaflight', 'ardupilot'])
+def test_mixers_of_other_autopilots_are_written_as_by_python(page, style):
+    for name in VEHICLES:
+        show(page, name)
+        try:
+            expected = mixers.STYLES[style](Vehicle.load(name)) + '\n'
+        except ValueError as error:
+            expected = str(error)
+        assert expected == page.evaluate("""(style) => {
+          try { return explorer.exported(style); } catch (error) { return error.message; }
+        }""", style)
+
+
+def test_an_export_is_a_file(page):
+    with page.expect_download() as download:
+        page.select_option('#export', 'px4')
+    assert download.value.suggested_filename == 'hexarotor.params'
+    assert px4.read(download.value.path().read_text())['CA_ROTOR_COUNT'] == 6
+    show(page, 'rov')
+    page.select_option('#export', 'betaflight')
+    assert page.locator('#fault').inner_text().startswith('export: mixers have the axes')
+    page.evaluate('document.querySelector("#fault").textContent = ""')
 
 
 def test_an_exported_file_is_the_vehicle_in_python(page, tmp_path):

@@ -1,4 +1,4 @@
-"""Records the explorer in out/explorer: screenshots at two widths, and 20 seconds of its use.
+"""Records the explorer in out/explorer: its stories at two widths, and 20 seconds of its use.
 
 Also draws docs/explorer.png.
 """
@@ -16,7 +16,6 @@ from ca_ros.explore import PAGE
 
 OUT = Path('out/explorer')
 FLAGS = ['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader']
-CASE = '#vehicle=hexarotor&demand=9.81,1.7,-0.9,0&health=0,1,1,1,1,1&beside=pseudo_inverse'
 RATE = 10  # pictures a second of the recording
 
 POINTER = """() => {
@@ -29,11 +28,13 @@ POINTER = """() => {
 }"""
 
 
-def opened(browser, width, height, scheme='light', case=''):
-    """Return a page that shows a case."""
+def opened(browser, width, height, scheme='light', story=''):
+    """Return the page, with one of its stories."""
     page = browser.new_page(viewport={'width': width, 'height': height}, color_scheme=scheme)
-    page.goto(PAGE.as_uri() + case)
+    page.goto(PAGE.as_uri())
     page.wait_for_function('window.explorer?.times.length')
+    if story:
+        page.locator(f'#story button[value={story}]').click()
     page.wait_for_timeout(500)
     return page
 
@@ -70,40 +71,27 @@ class Recording:
         self.move(box['x'] + box['width'] / 2, box['y'] + box['height'] / 2)
 
 
-DEMAND = """() => {
-  const box = document.querySelector('#set').getBoundingClientRect();
-  return [box.x, box.y, box.width, box.height];
-}"""
+def click(film, selector):
+    """Move to an element, and press it."""
+    film.to(selector)
+    film.page.mouse.down()
+    film.page.mouse.up()
 
 
 def record(page):
-    """Drag the demand out of the set, fail a rotor, compare, look at a section and the X8."""
+    """Drag the demand, see what a lost rotor costs, and fly."""
     film = Recording(page)
-    x, y, w, h = page.evaluate(DEMAND)
-    middle = x + w / 2, y + h / 2
+    film.wait(1.0)
+    film.to('#section .ring')
+    x, y = film.at
+    film.drag((x - 90, y - 90), (x - 150, y + 30), (x, y))
     film.wait(0.5)
-    film.move(*middle)
-    film.drag((middle[0] + 95, middle[1] - 30), (middle[0] + 190, middle[1] - 10), middle)
-    film.move(x + 40, y + h - 40, 0.5)
-    film.drag((x + 150, y + h - 70), seconds=1.5)
-    film.to('#rotors div:nth-child(1) button')
-    page.mouse.down()
-    page.mouse.up()
-    film.wait(1.5)
-    page.select_option('#beside', 'pseudo_inverse')
-    film.to('#shown button[value="roll,pitch"]')
-    page.mouse.down()
-    page.mouse.up()
-    film.wait(0.7)
-    film.move(*middle)
-    film.drag((middle[0] + 110, middle[1] - 60), (middle[0] - 40, middle[1] - 140),
-              (middle[0] - 150, middle[1] + 20), middle)
-    page.select_option('#vehicle', 'x8')
-    film.wait(2.0)
-    film.to('#rotors div:nth-child(3) button')
-    page.mouse.down()
-    page.mouse.up()
+    click(film, '#story button[value=lost]')
     film.wait(2.5)
+    page.evaluate('document.querySelector("#flight").scrollIntoView()')
+    page.select_option('#begin', 'over')
+    click(film, '#fly')
+    film.wait(6.5)
     return film.pictures
 
 
@@ -113,20 +101,18 @@ def main():
     with sync_playwright() as playwright:
         program = shutil.which('chromium') or shutil.which('chromium-browser')
         browser = playwright.chromium.launch(executable_path=program, args=FLAGS)
-        for width, height in ((1280, 800), (390, 844)):
+        for width, height in ((1280, 900), (390, 844)):
             for scheme in ('light', 'dark'):
-                page = opened(browser, width, height, scheme, CASE)
-                # The answer stays at the bottom of a narrow screen: show the set above it.
-                narrow = width < 700
-                if narrow:
-                    page.evaluate('document.querySelector("section + section").scrollIntoView()')
-                page.screenshot(path=OUT / f'{width}_{scheme}.png', full_page=not narrow)
-                page.close()
+                for story in ('roll', 'lost', 'airmode', 'missed', 'px4'):
+                    page = opened(browser, width, height, scheme, story)
+                    page.screenshot(path=OUT / f'{story}_{width}_{scheme}.png')
+                    page.close()
         first, *others = record(opened(browser, 1280, 800))
         browser.close()
     first.save(OUT / 'explorer.webp', save_all=True, append_images=others, loop=0,
                duration=round(1000 / RATE))
-    Image.open(OUT / '1280_light.png').convert('RGB').quantize(64).save(DOCS / 'explorer.png')
+    picture = Image.open(OUT / 'lost_1280_light.png').convert('RGB')
+    picture.quantize(256, Image.Quantize.MEDIANCUT).save(DOCS / 'explorer.png')
     print(f'Written: {OUT}, {(1 + len(others)) / RATE:g} s')
 
 

@@ -1,10 +1,13 @@
 // What the page writes of a vehicle for other programs: by name its label, the end of the file's name, and its text.
+import {toArduPilot, toBetaflight} from './mixers.js';
 import {toPx4} from './px4.js';
 import {FIELDS} from './settings.js';
 
 /** One more format is one more entry. */
 export const EXPORTS = {
   px4: {label: 'PX4 parameters', end: '.params', text: toPx4},
+  betaflight: {label: 'Betaflight mixer', end: '_mmix.txt', text: toBetaflight},
+  ardupilot: {label: 'ArduPilot mixer (Lua)', end: '.lua', text: toArduPilot},
   yaml: {label: 'ca_ros parameter file', end: '.yaml', text: ({given}) => parameterFile(given)},
 };
 

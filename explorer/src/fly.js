@@ -20,7 +20,7 @@ const STARTS = {
 };
 const GRIP = 45; // how near to a rotor a click has to be [pixels]
 const ARRIVED = 0.2; // distance from the goal that counts as recovered [m]
-const LOWEST = -3.8, FLOOR = -4.5, TARGET = -1.5; // heights that are seen, of the grid, and of the middle of the picture, in arms
+const LOWEST = -3.8, FLOOR = -4.5, TARGET = -1.75; // heights that are seen, of the grid, and of the middle of the picture, in arms
 
 export class Flights {
   /** `kernels` are two that nothing else uses; `changed` is called when there is something new to show. */
@@ -115,23 +115,23 @@ export class Flights {
 
 /** Return the section of the page. */
 export function flightSection(flights, act) {
-  const {vehicle, other, start} = flights, said = flights.said();
-  if (typeof vehicle.body === 'string') {
-    return html`<section id="flight" aria-label="Flight"><h2>Fly it</h2><p class="hint">${vehicle.body}</p></section>`;
-  }
+  const {vehicle, other, start} = flights, said = flights.said(), fault = typeof vehicle.body === 'string' && vehicle.body;
   const names = ['exact', METHODS[other]];
   return html`<section id="flight" aria-label="Flight">
     <h2>Fly it: six seconds of closed loop</h2>
-    <p class="hint">The vehicle of this page, with your settings, behind two methods. <b>Click a rotor while it flies</b>:
-      it fails in both, and the methods learn of it 0.1 s later. No wind, noise or lag of motors; steps of 1 ms.</p>
-    <div class="row">
+    <p class="hint" ?hidden=${!fault}>${fault}</p>
+    <p class="hint" ?hidden=${fault}>The vehicle of this page, with your settings, behind two methods. <b>Click a rotor while it flies</b>:
+      it fails in both, and the methods learn of it 0.1 s later. No wind, noise or lag of motors; steps of 1 ms.
+      Where a clipped pseudo-inverse falls, weighted least squares and PX4's method with airmode may recover, too: see
+      docs/comparison.md.</p>
+    <div class="row" ?hidden=${fault}>
       <button id="fly" class="main" @click=${() => flights.begin()}>${flights.flights.length ? 'Fly again' : 'Fly'}</button>
       <select id="begin" aria-label="How it starts" @change=${({target}) => flights.choose(target.value)}>${
         Object.entries(STARTS).map(([value, {label}]) => html`<option .value=${value}
           .selected=${live(value === start)}>${label}</option>`)}</select>
       <output id="time">${flights.time.toFixed(1)} s</output>
     </div>
-    <div id="flights">
+    <div id="flights" ?hidden=${fault}>
       ${names.map((name, i) => html`<figure><figcaption class=${i ? 'besides' : 'serveds'}>${name}</figcaption>
         <div class="view air" id=${`air${i}`}></div>
         <p class="state">${stateOf(flights.flights[i])}</p></figure>`)}
@@ -180,7 +180,7 @@ function chart(title, lines, [low, high]) {
 export class Air {
   constructor(elements, fail) {
     this.stages = elements.map((element, i) => {
-      const stage = new Stage(element, [-6.6, -7.9, 1.8], [0, 0, TARGET]);
+      const stage = new Stage(element, [-7.2, -8.6, 1.8], [0, 0, TARGET]);
       stage.orbits(false);
       stage.eye = stage.camera.position.clone();
       element.addEventListener('pointerup', (event) => {

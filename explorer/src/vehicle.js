@@ -132,7 +132,8 @@ export function readVehicle(text) {
     given, spins: words, torque,
     source: JSON.stringify({'/**': {ros__parameters: given}}), // what a link has to carry, as YAML
   };
-  vehicle.fullThrusts = bounds(vehicle, Array(n).fill(1)).upper;
+  const {lower: lowerThrusts, upper: upperThrusts} = bounds(vehicle, vehicle.health);
+  Object.assign(vehicle, {lowerThrusts, upperThrusts, fullThrusts: bounds(vehicle, Array(n).fill(1)).upper});
   const sizes = Object.values(bounds(vehicle, vehicle.health)).slice(0, 2).flat().map(Math.abs);
   const {weight, preferred} = vehicle, most = PREFERRED_MAX * Math.max(1, ...sizes);
   const even = Math.max(...weight) <= WEIGHTS_MAX * Math.min(...weight);
