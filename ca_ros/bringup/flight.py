@@ -135,16 +135,7 @@ class Session:
         scenario.begin(self._spin)
         began = time.monotonic()
         try:
-            progress, patience = 0.0, Patience()
-            while progress < duration:
-                self._spin()
-                scenario.update(recorder.elapsed)
-                if recorder.waiting and not recorder.missing():
-                    recorder.send(trajectory.first)
-                if (elapsed := (recorder.elapsed or 0) / 1e9) != progress:
-                    progress, patience = elapsed, Patience()
-                    _show(progress, duration)
-                patience.check(partial(self._stalled, progress))
+            self._follow(duration, scenario)
         except CaRosError as error:
             if not recorder.elapsed:
                 raise
@@ -175,6 +166,19 @@ class Session:
         return Flown(
             flight, wall, *counts, common, vehicle, recorder.demanded(duration),
             scenario.failures, stops, detected, self._reports.limits())
+
+    def _follow(self, duration: float, scenario: Scenario) -> None:
+        """Fly until samples for the duration [s] have come; raise a CaRosError if they cease."""
+        recorder, progress, patience = self._recorder, 0.0, Patience()
+        while progress < duration:
+            self._spin()
+            scenario.update(recorder.elapsed)
+            if recorder.waiting and not recorder.missing():
+                recorder.send(self._plan.trajectory.first)
+            if (elapsed := (recorder.elapsed or 0) / 1e9) != progress:
+                progress, patience = elapsed, Patience()
+                _show(progress, duration)
+            patience.check(partial(self._stalled, progress))
 
     def _lacking(self, topics: list[str], seconds: float) -> str:
         faults = self._reports.faults_of_nodes()

@@ -233,11 +233,7 @@ class ControllerNode(Node):
                 self.diagnostics.drop('state', f'state: {error}')
             return
         self._tilt = float(tilt(state[1]))
-        distance = dist(state[0], self.waypoint.position)
-        self._nearest = min(self._nearest, distance)
-        if distance > self._nearest + RETREAT * settings.controller.speed_max:
-            what = f'{distance:.3g} m from the waypoint, after {self._nearest:.3g} m'
-            self.diagnostics.warn('plan', f'the position leaves the plan: {what}')
+        self._watch_plan(dist(state[0], self.waypoint.position))
         self.watchdog.feed()
         self._counts['served' if first else 'served again'] += 1
         header = Header(stamp=self._pose.header.stamp, frame_id=settings.command_frame)
@@ -249,6 +245,13 @@ class ControllerNode(Node):
             self.diagnostics.warn('cut', what)
         if self._unallocated.get_subscription_count():
             self._unallocated.publish(wrench_message(six(cut, rows), header))
+
+    def _watch_plan(self, distance: float) -> None:
+        """Warn if the distance from the waypoint [m] grows again."""
+        self._nearest = min(self._nearest, distance)
+        if distance > self._nearest + RETREAT * self.parameters.settings.controller.speed_max:
+            what = f'{distance:.3g} m from the waypoint, after {self._nearest:.3g} m'
+            self.diagnostics.warn('plan', f'the position leaves the plan: {what}')
 
     def _components(self) -> str:
         """Return the components of the last demand that are not allocated."""

@@ -99,30 +99,24 @@ class Executor(executors.Executor):
             task = Task(waitable.execute, (waitable.take_data(),), executor=self)
             task()
             task.result()
-        kind: Any
         for node, service in services:
-            kind = service.srv_type
-            request, header = service.handle.service_take_request(kind.Request)
-            if header is not None:
-                response = kind.Response()
-                response = service.callback(request, response)
-                with warnings.catch_warnings(record=True) as late:
-                    warnings.simplefilter('always')
-                    service.send_response(response, header)
-                if late:
-                    # The client has not been discovered or has ended; a client may ask again.
-                    self._warn(node, f'{service.srv_name}: {late[0].message}')
+            self._answer(node, service)
         for client in clients:
-            kind = client.srv_type
-            header, response = client.handle.take_response(kind.Response)
-            if header is None:
-                continue
-            try:
-                future = client.get_pending_request(header.request_id.sequence_number)
-            except KeyError:
-                # The request was given up.
-                continue
-            future.set_result(response)
+            _take_answer(client)
+
+    def _answer(self, node: Node, service: Any) -> None:
+        """Answer a request to a service of a node."""
+        kind = service.srv_type
+        request, header = service.handle.service_take_request(kind.Request)
+        if header is None:
+            return
+        response = service.callback(request, kind.Response())
+        with warnings.catch_warnings(record=True) as late:
+            warnings.simplefilter('always')
+            service.send_response(response, header)
+        if late:
+            # The client has not been discovered or has ended; a client may ask again.
+            self._warn(node, f'{service.srv_name}: {late[0].message}')
 
     def _convertible(self, node: Node, message: Any) -> bool:
         """Return whether rclpy's own callback of a clock, which would end the node, takes it."""
@@ -153,3 +147,16 @@ class Executor(executors.Executor):
             sum(waitable.get_num_entities().num_events for waitable in waitables),
             self.context.handle,
         )
+
+
+def _take_answer(client: Any) -> None:
+    """Give the answer that has come for a client to the one who waits for it."""
+    header, response = client.handle.take_response(client.srv_type.Response)
+    if header is None:
+        return
+    try:
+        future = client.get_pending_request(header.request_id.sequence_number)
+    except KeyError:
+        # The request was given up.
+        return
+    future.set_result(response)

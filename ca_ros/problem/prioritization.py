@@ -361,6 +361,16 @@ class Prioritization:
                 simplex.confine(v, -inf, demand + later_rise)
             else:
                 simplex.lower[v], simplex.upper[v] = -inf, inf
+        self._serve_later(run, goals)
+        if len(first) > 1:
+            for i, (row, at) in enumerate(zip(self._first, self._begin, strict=True)):
+                on_line = goals[row] if share == 1.0 else at + share * ways[i]
+                simplex.value[offset + row] = on_line - left * backs[i] if left else on_line
+        return run
+
+    def _serve_later(self, run: _Run, goals: list[float]) -> None:
+        """Serve the signs of the axes after the first group, and then their values."""
+        offset, simplex = self._offset, run.simplex
         for row in self._senses:
             v, value = offset + row, simplex.value[offset + row]
             low, high = sorted((goals[row], self._reference[row]))
@@ -378,11 +388,6 @@ class Prioritization:
                 run.push(lag, 0.0)
             for row in group:
                 run.push(offset + row, goals[row])
-        if len(first) > 1:
-            for i, (row, at) in enumerate(zip(self._first, self._begin, strict=True)):
-                on_line = goals[row] if share == 1.0 else at + share * ways[i]
-                simplex.value[offset + row] = on_line - left * backs[i] if left else on_line
-        return run
 
 
 class _Run:

@@ -118,15 +118,8 @@ class AllocationProblem:
         effector_unit: str = '', axis_units: str | Sequence[str] = '',
         sets: Sequence[ConvexSet] | None = None,
     ) -> None:
-        gamma = numbers('matrix', matrix)
-        if gamma.ndim != 2 or 0 in gamma.shape:
-            raise ValueError(
-                f'matrix: expected m rows, one per axis, of n numbers, one per effector; '
-                f'got shape {gamma.shape}'
-            )
+        gamma = _matrix(matrix)
         m, n = gamma.shape
-        if n > EFFECTORS_MAX:
-            raise ValueError(f'matrix: expected up to {EFFECTORS_MAX} effectors, got {n}')
         numbered = [f'axis_{k + 1}' for k in range(m)]
         self.axes = different_names('axes', numbered if axes is None else axes, m)
         count = n if sets is None else len(sets)
@@ -398,3 +391,16 @@ class AllocationProblem:
         """
         residual = lengths(u - thrusts @ self.gamma.T)
         return meets(residual, self.tolerance(u), self.gamma, thrusts, share)
+
+
+def _matrix(matrix: ArrayLike) -> Array:
+    """Return Gamma (m, n); raise a ValueError if it is no matrix or too large."""
+    gamma = numbers('matrix', matrix)
+    if gamma.ndim != 2 or 0 in gamma.shape:
+        raise ValueError(
+            f'matrix: expected m rows, one per axis, of n numbers, one per effector; '
+            f'got shape {gamma.shape}'
+        )
+    if (n := gamma.shape[1]) > EFFECTORS_MAX:
+        raise ValueError(f'matrix: expected up to {EFFECTORS_MAX} effectors, got {n}')
+    return gamma

@@ -105,6 +105,15 @@ def read(text: str) -> dict[str, float]:
     return given
 
 
+def _check_size(farthest: float, mass: float) -> None:
+    """Raise a ValueError if a rotor is too far away [m] for the mass [kg]."""
+    if farthest > ARM_MAX * max(1.0, abs(mass) ** (1.0 / 3.0)):
+        raise ValueError(
+            f'a rotor is {farthest:g} m from the centre of mass of {mass:g} kg: positions look '
+            'like millimetres; --length 0.001 takes them for such'
+        )
+
+
 def _check_reverse(reverse: int, every: int, least: float) -> None:
     """Raise a ValueError if the motors that reverse contradict the least speed [rad/s]."""
     if reverse and least >= 0.0:
@@ -154,11 +163,7 @@ def from_px4(
             'metres: give --length, what 1 stands for (--length 1 if it is a metre)'
         )
     places *= 1.0 if length is None else length
-    if (farthest := float(np.abs(places).max())) > ARM_MAX * max(1.0, abs(mass) ** (1.0 / 3.0)):
-        raise ValueError(
-            f'a rotor is {farthest:g} m from the centre of mass of {mass:g} kg: positions look '
-            'like millimetres; --length 0.001 takes them for such'
-        )
+    _check_size(float(np.abs(places).max()), mass)
     ct, km = (np.array([rotor[kind] for rotor in rotors]) for kind in ('CT', 'KM'))
     for i in range(n):
         if not axes[i].any() or ct[i] <= 0.0:

@@ -135,12 +135,7 @@ def fly(
     states: list[Array] = []
     velocities: list[Array] = []
     commands: list[Array] = []
-    if isinstance(body, RigidBody):
-        given = PlantSettings() if time_step is None else PlantSettings(time_step=time_step)
-        body = Plant(body, given)
-    elif time_step is not None:
-        raise ValueError(f'time_step: the plant has its own, {body.time_step:g} s')
-    plant = body.restarted(state)
+    plant = _plant_of(body, time_step).restarted(state)
     if failures is not None:
         plant.failures = failures
     step_ns, time_step = plant.time_step_ns, plant.time_step
@@ -179,6 +174,16 @@ def fly(
         nanoseconds / 1e9, flown[:, POSITION], flown[:, ATTITUDE], np.array(velocities),
         flown[:, ANGULAR_VELOCITY], *np.split(np.array(commands), [plant.body.vehicle.n], axis=1),
     )
+
+
+def _plant_of(body: RigidBody | Plant, time_step: float | None) -> Plant:
+    """Return the plant of a rigid body, or the plant itself; `time_step` as for `fly`."""
+    if isinstance(body, RigidBody):
+        given = PlantSettings() if time_step is None else PlantSettings(time_step=time_step)
+        return Plant(body, given)
+    if time_step is not None:
+        raise ValueError(f'time_step: the plant has its own, {body.time_step:g} s')
+    return body
 
 
 def replay(detector: Detector, flight: Flight) -> Found:
