@@ -6,7 +6,7 @@ from importlib import import_module
 from inspect import signature
 from typing import Any
 
-from ca_ros.allocation.allocator import Allocator, Powerless
+from ca_ros.allocation.allocator import Allocator, AtRest
 from ca_ros.allocation.betaflight_mixer import BetaflightMixer
 from ca_ros.allocation.conventional import Conventional
 from ca_ros.allocation.direct import Direct
@@ -88,7 +88,7 @@ def make_allocator(
 
     A vehicle is audited first.  It is refused if its rotors cannot control every axis or cannot
     hover.  An `AllocationProblem` is not audited.  If all rotors are lost, the allocator is
-    `Powerless`, whatever the method.
+    `AtRest`, whatever the method.
 
     Parameters
     ----------
@@ -133,8 +133,8 @@ def allocator_with(
 
 
 __all__ = [
-    'ALLOCATORS', 'Allocation', 'AllocationBatch', 'AllocationProblem', 'Allocator',
-    'BetaflightMixer', 'Conventional', 'Direct', 'Exact', 'Osqp', 'Powerless', 'PseudoInverse',
+    'ALLOCATORS', 'Allocation', 'AllocationBatch', 'AllocationProblem', 'Allocator', 'AtRest',
+    'BetaflightMixer', 'Conventional', 'Direct', 'Exact', 'Osqp', 'PseudoInverse',
     'RedistributedPseudoInverse', 'SequentialDesaturation', 'SlewLimited', 'Status',
     'WeightedLeastSquares', 'WeightedPseudoInverse', 'after_failures', 'allocator_with', 'limited',
     'make_allocator', 'method_class',

@@ -260,11 +260,11 @@ class Allocator(ABC):
         violation = float(np.abs(wanted - thrusts).max())
         if violation != violation:
             rest = self.problem.resting_thrusts.copy()
-            return Allocation(self.problem, u, rest, Status.REJECTED, 0.0, np.inf)
+            return Allocation(self.problem, u, rest, Status.REJECTED, level=0.0)
         return Allocation(self.problem, u, thrusts, self._status(u, thrusts), violation=violation)
 
 
-class Powerless(Allocator):
+class AtRest(Allocator):
     """Leaves all rotors at rest for every wrench, with the status INEXACT."""
 
     takes_vectors = True

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.allocation.allocator import Allocator, Powerless
+from ca_ros.allocation.allocator import Allocator, AtRest
 from ca_ros.allocation.explanation import Explanation
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array
@@ -24,7 +24,7 @@ def allocator_for(kind: type[Allocator], report: Audit, settings: Any) -> Alloca
     if problem.vehicle.powerless:
         # The settings must suit the rotors when they return.
         kind(accept(problem.vehicle.with_health(1.0), 'drop').independent, settings)
-        return Powerless(problem)
+        return AtRest(problem)
     part, suited = kind.suited(report, settings)
     method = kind(part, suited)
     return method if part is problem else Reduced(problem, method, part.axes, settings)

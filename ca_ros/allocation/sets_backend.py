@@ -121,14 +121,14 @@ class SetsNumpy:
         slack = self._settings.residual_slack * float(problem.tolerance(u)) / EXACT_TOLERANCE
         unattainable = bool(found.unattainable[0])
 
-        def near(points: Array) -> bool:
+        def within_slack(points: Array) -> bool:
             return bool(not unattainable and lengths(u - problem.gamma @ points) <= slack)
 
-        if found.attained[0] or near(found.points[0]):
+        if found.attained[0] or within_slack(found.points[0]):
             return found.points[0], Status.EXACT, 1.0
         if not unattainable or status is Status.SCALED:
             line = self._solver.line(begin, u - begin, 1.0)
-            if problem.is_exact(u, line.point) or near(line.point):
+            if problem.is_exact(u, line.point) or within_slack(line.point):
                 return line.point, Status.EXACT, 1.0
         if status is Status.REJECTED:
             return problem.resting_thrusts, status, 0.0

@@ -195,7 +195,7 @@ def limits_within(
     if airmode:
         bounds.append(Bound(-1, 0, float(problem.extent[problem.axes.index('thrust')])))
 
-    def again(chosen: Sequence[Bound], distance: float) -> Array:
+    def served_beyond(chosen: Sequence[Bound], distance: float) -> Array:
         # Down, up, and beyond the limit on airmode.
         ways = np.zeros((3, problem.n))
         for bound in chosen:
@@ -203,7 +203,7 @@ def limits_within(
         return serve(u, within, ways[0], ways[1], float(ways[2].max()))[0]
 
     unit = float(problem.half_range.max())
-    found = find_limits(u, served, misses, problem.extent, unit, bounds, problem.n, again)
+    found = find_limits(u, served, misses, problem.extent, unit, bounds, problem.n, served_beyond)
     return found, misses
 
 

@@ -258,9 +258,9 @@ class Prioritization:
             levels[:, self._first] = np.where(shares < 0.0, levels[:, self._first], shares)
         doubts = np.array([end.doubt for end in ends]).reshape(-1, 1)
         rounding = sum_rounding(problem.gamma, thrusts)[:, None]
-        near = np.abs(served - demands) <= np.maximum(DOUBT * doubts * static.extent, rounding)
-        levels[near] = 1.0
-        reached = np.asarray(near.all(axis=-1)).reshape(u.shape[:-1])
+        met = np.abs(served - demands) <= np.maximum(DOUBT * doubts * static.extent, rounding)
+        levels[met] = 1.0
+        reached = np.asarray(met.all(axis=-1)).reshape(u.shape[:-1])
         thrusts = thrusts.reshape(*u.shape[:-1], n)
         held = np.array([[i in run.held for i in range(n)] for run in runs], dtype=bool)
         held = held.reshape(thrusts.shape)

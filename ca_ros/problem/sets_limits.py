@@ -46,7 +46,7 @@ def limits_of_vectors(
     wrench = serve(sets)
     misses = (served < 1.0) & (shares(problem, demand, wrench) < 1.0)
 
-    def again(chosen: Sequence[Bound], distance: float) -> Array:
+    def served_beyond(chosen: Sequence[Bound], distance: float) -> Array:
         if not chosen:
             return wrench
         moved = list(sets.sets)
@@ -58,7 +58,7 @@ def limits_of_vectors(
     unit = float(sets.length_limits[1].max())
     found = find_limits(
         demand, served, misses, problem.extent, unit, bounds_of_vectors(problem, thrusts, by_rate),
-        problem.n, again, STEPS)
+        problem.n, served_beyond, STEPS)
     for k in np.flatnonzero(misses & ~found.blocks.any(axis=1)).tolist():
         for i, how in _held_in_direction(problem, demand, thrusts, k, serve).items():
             tilt = sets.first[i] + 1

@@ -62,15 +62,15 @@ class SetsPrioritization:
         named = [[problem.axes[row] for row in group] for group in groups]
         first = self.groups[0]
         middle = problem.gamma[first] @ problem.middle
-        wanted = (self.reference if begin is None else begin)[first]
+        goal = (self.reference if begin is None else begin)[first]
         usual = bool((self.reference == problem.reference).all())
         if usual and begin is None and problem.reference_central:
             share = 1.0
         else:
             reached = sets_newton(problem.gamma[first], self.solver.sets).line(
-                middle, wanted - middle, 1.0 / INSIDE).length
+                middle, goal - middle, 1.0 / INSIDE).length
             share = min(1.0, INSIDE * reached)
-        self.begin = wanted if share > 1.0 - 1e-9 else middle + share * (wanted - middle)
+        self.begin = goal if share > 1.0 - 1e-9 else middle + share * (goal - middle)
         keeps = [problem.axes.index(axis) for axis in sensed(named, axis_reversal)]
         self.senses: list[int] = []
         if not usual or not problem.reference_inside:
@@ -93,9 +93,9 @@ class SetsPrioritization:
             levels = np.clip(np.where(way != 0.0, (served - self.reference) / way, 0.0), 0.0, 1.0)
         if (self.begin == self.reference[self.groups[0]]).all():
             levels[self.groups[0]] = share
-        near = np.abs(served - u) <= YIELD * problem.extent
-        levels[near] = 1.0
-        return Served(served, levels, np.asarray(near.all()), point)
+        met = np.abs(served - u) <= YIELD * problem.extent
+        levels[met] = 1.0
+        return Served(served, levels, np.asarray(met.all()), point)
 
     def moved(self, u: Array, sets: ConvexSets) -> Array:
         """Return the wrench (m,) that is served for u (m,) with other sets, such as wider ones."""
@@ -144,7 +144,7 @@ class SetsPrioritization:
         else:
             run.go(first, self.begin, self.problem.extent[first], 0.0)
         if run.share == 1.0:
-            run.keep(first, u[first], u[first])
+            run.hold(first, u[first], u[first])
         for row in self.senses:
             run.attempt(run.bring, row, *sorted((float(u[row]), float(self.reference[row]))))
         for group in later:
@@ -172,12 +172,12 @@ class SetsPrioritization:
             beyond = (run.wrench - u)[rows] * np.sign(way) > YIELD * extent[rows]
             if not beyond.any():
                 if length >= most:
-                    run.keep(rows, u[rows], u[rows])
+                    run.hold(rows, u[rows], u[rows])
                 return
             # These can be at their demands, and are not to exceed them.
             run.__dict__.update(before.__dict__)
             ahead = [row for row, each in zip(rows, beyond, strict=True) if each]
-            run.keep(ahead, u[ahead], u[ahead])
+            run.hold(ahead, u[ahead], u[ahead])
             rows = [row for row in rows if row not in ahead]
 
 
@@ -213,7 +213,7 @@ class _Run:
         """What the vectors give (m,)."""
         return np.asarray(self.problem.gamma @ self.point, float)
 
-    def keep(self, rows: Sequence[int], low: Array | float, high: Array | float) -> None:
+    def hold(self, rows: Sequence[int], low: Array | float, high: Array | float) -> None:
         """Keep axes in ranges from now on, unless they follow from others."""
         self.low[rows], self.high[rows], self.state[rows] = low, high, KEPT
 
@@ -244,7 +244,7 @@ class _Run:
             end = 1.0 + (goal - at) / way
             if self.go([row], np.array([at - way]), np.array([way]), end) < end:
                 return
-        self.keep([row], low, high)
+        self.hold([row], low, high)
 
     def go(
         self, rows: Sequence[int], begin: Array, way: Array, end: float, spare: Array | None = None

@@ -104,12 +104,12 @@ class VehicleProblem(AllocationProblem):
         forces = self.forces(thrusts)
         idle = np.einsum('ij,ij->i', forces, forces) <= self._idle
         if idle.any():
-            wanted = np.zeros_like(forces)
+            cheapest = np.zeros_like(forces)
             if self.turned is not None and self.has_volume:
                 slopes, _ = self.program.dual((thrusts @ self.gamma.T)[None])
-                wanted = self.forces(slopes[0] @ self.gamma)
+                cheapest = self.forces(slopes[0] @ self.gamma)
             for i in np.flatnonzero(idle).tolist():
-                forces[i] = self._nearest(i, wanted[i])
+                forces[i] = self._nearest(i, cheapest[i])
         return forces
 
     @cached_property
@@ -117,14 +117,14 @@ class VehicleProblem(AllocationProblem):
         """The squares (n,) of the thrusts below which a rotor's has no direction [N^2]."""
         return np.square(IDLE * np.maximum(1.0, self.vehicle.thrust_max))
 
-    def _nearest(self, rotor: int, wanted: Array) -> Array:
-        """Return the direction in a rotor's set that is nearest to the wanted one (3,)."""
+    def _nearest(self, rotor: int, cheapest: Array) -> Array:
+        """Return the direction in a rotor's set that is nearest to the cheapest one (3,)."""
         each, first = self.sets.sets[rotor], self.sets.first[rotor]
         rows = self.directions[first : first + each.size]
-        if each.size == 1 or not wanted.any():
+        if each.size == 1 or not cheapest.any():
             return rows[0]
         assert isinstance(each, Sector)
-        along, *rest = (rows @ wanted).tolist()
+        along, *rest = (rows @ cheapest).tolist()
         across = hypot(*rest)
         angle = min(atan2(across, along), each.half_angle)
         side = np.array(rest) / across if across > 0.0 else np.zeros(len(rest))

@@ -138,18 +138,18 @@ class Servos:
         cosine, sine = np.cos(betas)[:, None], np.sin(betas)[:, None]
         return cosine * self.turned(alphas)[0] + sine * self.axes
 
-    def angles(self, forces: Callable[[], Array], near: Array | None = None) -> Array:
+    def angles(self, forces: Callable[[], Array], present: Array | None = None) -> Array:
         """Return servo angles (k,) within their limits that point rotors along forces (n, 3).
 
         The forces are computed only if there are servos.  A direction out of reach is replaced by
-        the nearest limit.  Of equivalent angles, that which is nearest to `near` (k,) counts, by
-        default to the middle of the range.
+        the nearest limit.  Of equivalent angles, that which is nearest to `present` (k,) counts,
+        by default to the middle of the range.
         """
         if not self.rotors:
             return NO_ANGLES
         owners, frames, middle = self._frames
-        if near is not None:
-            middle = near
+        if present is not None:
+            middle = present
         along, side, across = np.einsum('kj,akj->ak', forces().take(owners, 0), frames)
         found = middle + (np.arctan2(side, along) - middle + pi) % (2.0 * pi) - pi
         if len(found) > len(self.planar):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ca_ros.allocation import Powerless
+from ca_ros.allocation import AtRest
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.control.controller import Controller
 from ca_ros.control.trajectory import Trajectory
@@ -165,7 +165,7 @@ def _legs(
     """Yield the samples between changes, controller, vehicle as it physically is, and waypoint."""
     start, sound = 0, vehicle
     changes = [*changes, *map(Change, failures.times)]
-    times, pilot = np.round(flight.time * 1e9), Pilot(controller, Powerless(controller.problem))
+    times, pilot = np.round(flight.time * 1e9), Pilot(controller, AtRest(controller.problem))
     for change in [*sorted(changes, key=lambda change: change.time), None]:
         end = len(times) if change is None else int(np.searchsorted(times, change.time))
         if end > start:
