@@ -1,6 +1,7 @@
 """The example of a user's own method in docs/own_method.md."""
 
 import json
+import pickle
 import re
 import sys
 from importlib.util import find_spec
@@ -54,7 +55,9 @@ def test_a_study_has_it_beside_the_others(example, monkeypatch):
 
 
 def test_its_options_are_parameters(example):
-    allocator = Case.load('hexarotor', [f'{RESERVE}:=0.3'], [OWN]).allocator(OWN)
+    case = Case.load('hexarotor', [f'{RESERVE}:=0.3'], [OWN])
+    assert pickle.loads(pickle.dumps(case.settings)) == case.settings
+    allocator = case.allocator(OWN)
     np.testing.assert_allclose(allocator.range, 0.7 * 1.98)
     with pytest.raises(ParameterError, match=rf'{RESERVE}: must be in \[0, 0.9\], got 2'):
         Case.load('hexarotor', [f'{RESERVE}:=2'], [OWN])
