@@ -164,7 +164,7 @@ sys.exit(allocator.run('broken', Broken, ''))
 BUGS = {
     'a command': ('_serve', 'arguments[0].wrench[2] == 30.0'),
     'a timer': ('_levels', 'True'),
-    'a parameter': ('_adopt', 'True'),
+    'a parameter': ('_use', 'True'),
 }
 
 

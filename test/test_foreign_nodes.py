@@ -102,15 +102,15 @@ def test_more_messages_than_the_nodes_can_keep_are_refused():
         scenario(waypoints=3000)
 
 
-def test_it_warns_of_a_program_that_cannot_be_told_of_failures(graph, capsys, monkeypatch):
+def test_it_warns_of_a_program_that_cannot_learn_of_failures(graph, capsys, monkeypatch):
     monkeypatch.setattr(f'{Scenario.__module__}.HEARING', 0.5)
     recorder = graph.add_node(Recorder(context=graph.context))
     host(graph, 'allocator')
     flying = scenario([RotorFailure(1, 1.0)], recorder=recorder, words='1@1')
     flying.begin(lambda: graph.spin_until(lambda: True, 'a moment'))
     assert capsys.readouterr().err == (
-        'bringup: warning: the controller does not subscribe to rotor_health/announced: it is not '
-        'told of rotor failures\n')
+        'bringup: warning: the controller does not subscribe to rotor_health/announced: it does '
+        'not learn of rotor failures\n')
 
 
 # Flights

@@ -317,7 +317,7 @@ def test_after_a_stall_only_the_newest_of_what_waits_is_received(graph):
             time.sleep(0.005)
 
     for second in (1, 2):
-        streams.look()
+        streams.note_stall()
         publisher.publish(wrench(HOVER, second * 10**9))
         graph.spin_until(lambda second=second: received == [*range(1, second + 1)], 'each')
     # Where the machine stalls, too, the newest may arrive too late.

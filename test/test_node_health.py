@@ -252,13 +252,13 @@ def test_audit_set_up_and_first_answer_are_soon_done_for_each_lost_rotor(
         vehicle, record_property):
     """In a row, of the time of the processor: other work is not counted."""
     belief = Reconfiguration(load(vehicle), lambda settings, report, _: Rotors(settings, report))
-    wrench_of_all, n = demand(belief.in_force.audit.vehicle), belief.in_force.made.n
+    wrench_of_all, n = demand(belief.in_force.audit.vehicle), belief.in_force.built.n
     took = np.empty((length(1, 5, 40), n))
     for times in took:
         for rotor in range(n):
             begun = time.thread_time()
             assert belief.report('rotor_health', np.float64(np.arange(n) != rotor))
-            made = belief.in_force.made
+            made = belief.in_force.built
             command = made.command(made.method.allocate(wrench_of_all[made.rows]))
             times[rotor] = time.thread_time() - begun
             assert command[rotor] == 0.0

@@ -135,8 +135,8 @@ def test_a_method_that_is_slow_to_build_is_not_built_in_flight(example, graph, m
     for change in (Parameter('command_timeout', value=5.0), health):
         [result] = node.set_parameters([change])
         assert result.successful, result.reason
-    assert node.belief.made.method.settings.reserve == 0.2
+    assert node.belief.built.method.settings.reserve == 0.2
     # Its own settings are in force at once, too.
     [result] = node.set_parameters([Parameter('allocation.Slow.reserve', value=0.3)])
     assert result.successful, result.reason
-    assert node.belief.made.method.settings.reserve == 0.3
+    assert node.belief.built.method.settings.reserve == 0.3

@@ -51,7 +51,7 @@ class Belief(RuleBasedStateMachine):
             return make(*given)
 
         self.belief = Reconfiguration(settings, counted)
-        self.disturbances = self.belief.in_force.made[1].disturbances
+        self.disturbances = self.belief.in_force.built[1].disturbances
         self.n, self.built = Vehicle.load(name).n, 1
         # The model: the newest of each source.
         self.settings, self.reported, self.voltage = settings, {}, None
@@ -121,12 +121,12 @@ class Belief(RuleBasedStateMachine):
         report = accept(vehicle, 'drop')
         method = allocator_of(self.settings.allocation, report)
         u = report.independent.hover
-        assert now.made[0].allocate(u).thrusts.tobytes() == method.allocate(u).thrusts.tobytes()
-        assert now.made[1].vehicle.axes == report.vehicle.axes
+        assert now.built[0].allocate(u).thrusts.tobytes() == method.allocate(u).thrusts.tobytes()
+        assert now.built[1].vehicle.axes == report.vehicle.axes
 
     @invariant()
     def what_the_controller_has_learnt_survives(self):
-        assert self.belief.in_force.made[1].disturbances is self.disturbances
+        assert self.belief.in_force.built[1].disturbances is self.disturbances
 
 
 Belief.TestCase.settings = of_hypothesis(
@@ -181,7 +181,7 @@ def test_audit_set_up_and_first_answer_take_at_most_3_ms(name, record_property):
         health[k % n] = 0.0
         belief.report('monitor', health)
         begun = perf_counter()
-        method = belief.in_force.made
+        method = belief.in_force.built
         method.allocate(method.problem.reference)
         parts.append(belief.in_force.duration + perf_counter() - begun)
     record_property(f'{name}: one rotor lost, audit, set-up and first answer, best [ms]',

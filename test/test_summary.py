@@ -11,7 +11,7 @@ from ca_ros import Vehicle
 from ca_ros.bringup import report
 from ca_ros.bringup.flight import Flown
 from ca_ros.bringup.recorder import DEMANDED
-from ca_ros.bringup.report import served_of, summarize
+from ca_ros.bringup.report import shares_of, summarize
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.simulation.record import Flight
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
@@ -139,25 +139,25 @@ def test_what_was_served_of_the_demands_and_what_limited_the_rest_is_said(vehicl
             [HOVER, np.add(HOVER, ROLL), np.add(HOVER, ROLL)], [NONE, ROLL, ROLL],
             [NONE, NONE, ROLL]),
         limits={'roll': 'rotor 1 at its maximum'})
-    served = served_of(flown)
+    served = shares_of(flown)
     assert served.axes == flown.vehicle.axes
     expected = np.ones((3, len(served.axes)))
     expected[1:, served.axes.index('roll')] = 0.5, 0.0
-    np.testing.assert_allclose(served.shares, expected, atol=1e-12)
+    np.testing.assert_allclose(served.values, expected, atol=1e-12)
     assert served.cuts == (
         'roll for 0.02 s, at 0.02 s to 0 %, limited by rotor 1 at its maximum',)
     text, _ = summarize(flown, Waypoint.of(*GOAL), served)
     assert f'\n  cut           {served.cuts[0]}' in text
     # A node that does not say it gets no reason; one that says nothing no line.
-    [cut] = served_of(replace(flown, limits={})).cuts
+    [cut] = shares_of(replace(flown, limits={})).cuts
     assert cut == 'roll for 0.02 s, at 0.02 s to 0 %'
     for name in DEMANDED[1:]:
-        assert served_of(replace(flown, wrenches={**flown.wrenches, name: {}})) is None
+        assert shares_of(replace(flown, wrenches={**flown.wrenches, name: {}})) is None
     # A lost message leaves its sample out, and so does an axis that is given up.
     for wrenches in flown.wrenches.values():
         del wrenches[20_000_000]
-    served = served_of(flown)
-    assert np.isnan(served.shares[2]).all()
+    served = shares_of(flown)
+    assert np.isnan(served.values[2]).all()
     assert served.cuts[0].startswith('roll for 0.01 s, at 0.01 s to 50 %')
 
 
@@ -173,7 +173,7 @@ def test_an_axis_that_is_given_up_has_no_share():
     detected = {
         'failures': replace(lost, announce=None), 'detected': dict.fromkeys((1, 3, 5), 0.005)}
     for changes in ({}, detected):
-        shares = served_of(replace(flown, **changes)).shares
+        shares = shares_of(replace(flown, **changes)).values
         np.testing.assert_array_equal(shares[0], 1.0)
         np.testing.assert_array_equal(shares[1:], [[1.0, 1.0, 1.0, np.nan]] * 2)
 

@@ -150,7 +150,7 @@ def test_without_commands_the_angles_stay_and_after_a_failure_they_are_its(graph
         answered = [m for m in angles if speeds_stamp(m) == 7]
         return answered and speeds_stamp(angles[-1]) is speeds_stamp(speeds[-1]) is None
     graph.spin_until(expired, 'a timeout', repeat=lambda: command.publish(wrench(u, 7)))
-    answer = node.belief.made.method.allocate(u)
+    answer = node.belief.built.method.allocate(u)
     [first, *_] = [m for m in angles if speeds_stamp(m) == 7]
     assert first.layout.dim[0].label == 'tilt angle [rad]'
     assert first.data.tobytes() == answer.angles.tobytes()
@@ -184,12 +184,12 @@ def test_a_late_copy_has_the_same_answer_and_changes_no_later_one(graph):
         graph.spin_until(lambda: len(angles) > count, 'angles')
         return angles[-1].data.tobytes()
 
-    last, before, first = node._last, 1 - round(1e9 * PERIOD_MAX), node.belief.made.method
+    last, before, first = node._last, 1 - round(1e9 * PERIOD_MAX), node.belief.built.method
     answers = [ask(time) for time in (1, 10_000_000)]
     [result] = node.set_parameters([Parameter('rotors.stuck_servos', value=[2.0, 0.05])])
     assert result.successful, result.reason
     assert [ask(time) for time in (1, 10_000_000)] == answers
-    methods = first, first, node.belief.made.method
+    methods = first, first, node.belief.built.method
     for (time, u), method in zip(demands.items(), methods, strict=True):
         last, before = WithinRates(method).allocate(u, last, time, before).command, time
     assert ask(20_000_000) == last[6:].tobytes()
@@ -247,4 +247,4 @@ def test_effectors_in_sets_of_a_problem_without_a_vehicle(graph, tmp_path, mode,
     np.testing.assert_allclose(answer.data, [0.75, 0.25, 0.5], atol=1e-12)
     assert answer.layout.dim[0].label == '1.1, 1.2, 2'
     assert list(saturation[-1].data) == [0, 0]
-    assert node.belief.made.at_rest('idle', node._last).tolist() == [0.0, 0.0, 0.2]
+    assert node.belief.built.at_rest('idle', node._last).tolist() == [0.0, 0.0, 0.2]

@@ -330,7 +330,7 @@ def test_a_command_that_nobody_looked_at_ends_one_pause_and_begins_another():
         watchdog.feed()
         while not watchdog.over:
             pass
-        pauses += [(watchdog.look(), watchdog.begun) for _ in range(2)]
+        pauses += [(watchdog.check(), watchdog.begun) for _ in range(2)]
     assert pauses == [(True, True), (True, False)] * 3
 
 

@@ -33,7 +33,7 @@ class Configuration(Generic[Made]):
     - `settings`, `health` (n,), `stuck`, `voltage` [V]: the belief; `stuck` has by rotor, from 1,
       the angle at which its servo sticks [rad]; the voltage is None if it is unknown
     - `audit`: of the vehicle as it is believed to be
-    - `made`: for that audit
+    - `built`: for that audit
     - `duration`: the time that audit and making took [s]
     """
 
@@ -42,7 +42,7 @@ class Configuration(Generic[Made]):
     stuck: dict[int, float]
     voltage: float | None
     audit: Audit
-    made: Made
+    built: Made
     duration: float
 
 
@@ -138,7 +138,7 @@ class Reconfiguration(Generic[Made]):
         return self._follow()
 
     def prepare(self, settings: Any) -> Configuration[Made]:
-        """Make what the newest of all sources asks for, with these settings; adopt nothing.
+        """Make what the newest of all sources asks for, with these settings; apply nothing.
 
         What is in force is returned, with the settings, if they change nothing of it.  Raises what
         making it raises, a ValueError if the settings are wrong.
@@ -151,22 +151,22 @@ class Reconfiguration(Generic[Made]):
         vehicle = self._declared.with_stuck_servos(
             [x for pair in stuck.items() for x in pair] or 0.0).with_health(health)
         report = accept(vehicle if voltage is None else vehicle.at_voltage(voltage), 'drop')
-        made = self._make(settings, report, now.made)
+        made = self._make(settings, report, now.built)
         return Configuration(
             settings, health, stuck, voltage, report, made, perf_counter() - begun)
 
-    def adopt(self, configuration: Configuration[Made]) -> None:
+    def apply(self, configuration: Configuration[Made]) -> None:
         """Put in force what was prepared last."""
         self.in_force, self.fault, self._failed = configuration, '', None
 
     def change(self, settings: Any) -> bool:
-        """Prepare and adopt; return whether something new was made.
+        """Prepare and apply; return whether something new was made.
 
         Raises what `prepare` raises.
         """
-        before = self.in_force.made
-        self.adopt(self.prepare(settings))
-        return self.in_force.made is not before
+        before = self.in_force.built
+        self.apply(self.prepare(settings))
+        return self.in_force.built is not before
 
     def _follow(self) -> bool:
         """Put the newest belief in force; if it cannot be made, say so in `fault`."""

@@ -17,7 +17,7 @@ from rclpy.validate_namespace import validate_namespace
 from ca_ros.bringup.bag import Bag
 from ca_ros.bringup.flight import EndedEarlyError, Flown, Session
 from ca_ros.bringup.options import Plan, parse
-from ca_ros.bringup.report import Served, draw_flight, served_of, summarize
+from ca_ros.bringup.report import Shares, draw_flight, shares_of, summarize
 from ca_ros.errors import CaRosError, message
 from ca_ros.figures import save
 from ca_ros.nodes.executable import in_one_line
@@ -67,7 +67,7 @@ def _bringup(plan: Plan, out: Path, interrupts: list[int]) -> int:
     except EndedEarlyError as error:
         write_results(plan, out, error.flown)
         raise
-    served = served_of(flown)
+    served = shares_of(flown)
     summary, reached = summarize(flown, plan.trajectory.last, served, plan.tolerance)
     print(summary)
     write_results(plan, out, flown, served)
@@ -94,7 +94,7 @@ def _prepare(plan: Plan, out: Path) -> tuple[dict[str, list[str]], Bag | None]:
     return nodes, Bag(plan.bag) if plan.bag else None
 
 
-def write_results(plan: Plan, out: Path, flown: Flown, served: Served | None = None) -> None:
+def write_results(plan: Plan, out: Path, flown: Flown, served: Shares | None = None) -> None:
     """Write flight.csv and, if matplotlib is installed, the plot."""
     files = [out / 'flight.csv']
     with naming(files[0]):

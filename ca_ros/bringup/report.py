@@ -38,12 +38,12 @@ HEADING_TOLERANCE = math.radians(0.5) / 0.02  # of the heading, over that of the
 
 
 def summarize(
-    flown: Flown, waypoint: Waypoint, served: Served | None = None,
+    flown: Flown, waypoint: Waypoint, served: Shares | None = None,
     tolerance: float = POSITION_TOLERANCE,
 ) -> tuple[str, bool]:
     """Return the summary of a flight, and whether the waypoint was reached.
 
-    Where yaw is lost, the position alone decides.  `served`: see `served_of`.  `tolerance` is that
+    Where yaw is lost, the position alone decides.  `served`: see `shares_of`.  `tolerance` is that
     of the position [m], the heading has `HEADING_TOLERANCE` of it.
     """
     flight, mode = flown.flight, flown.parameters['mode']
@@ -90,18 +90,18 @@ def summarize(
 
 
 @dataclass(frozen=True, eq=False)
-class Served:
-    """The shares (K, m) of the demands that were served, and a text for each axis that was cut.
+class Shares:
+    """The shares of the demands that were served, `values` (K, m), and a text for each axis cut.
 
     A share is nan while its axis is given up, and where a message is missing.
     """
 
     axes: tuple[str, ...]
-    shares: Array
+    values: Array
     cuts: tuple[str, ...]
 
 
-def served_of(flown: Flown) -> Served | None:
+def shares_of(flown: Flown) -> Shares | None:
     """Return what was served of the demands; None if the nodes do not publish what they cut.
 
     A demand is the wrench that was commanded, and what the controller had cut from it; the
@@ -133,7 +133,7 @@ def served_of(flown: Flown) -> Served | None:
         cuts.append(f'{AXES[k]} for {step * cut[:, k].sum():.2f} s, at {flight.time[i]:.2f} s to '
                     f'{100.0 * found[i, k]:.0f} %{why}')
     rows = [AXES.index(axis) for axis in flown.vehicle.axes]
-    return Served(flown.vehicle.axes, found[:, rows], tuple(cuts))
+    return Shares(flown.vehicle.axes, found[:, rows], tuple(cuts))
 
 
 def _believed(flown: Flown, time: int) -> Vehicle:
@@ -251,7 +251,7 @@ def _inside(commands: Array, vehicle: Vehicle) -> BoolArray:
 
 def draw_flight(
     flight: Flight, vehicle: Vehicle, trajectory: Trajectory, width: float = WIDTHS['page'],
-    moments: Mapping[str, Sequence[float]] | None = None, served: Served | None = None,
+    moments: Mapping[str, Sequence[float]] | None = None, served: Shares | None = None,
 ) -> Figure:
     """Plot position, attitude, rotor speeds and any tilt angles; waypoints and bounds are dashed.
 
@@ -283,7 +283,7 @@ def draw_flight(
             for limit in np.unique(servos.limits):
                 rows[3].axhline(np.degrees(limit), **DASHED)
         if served is not None:
-            _draw(rows[-1], flight.time, 100.0 * served.shares, served.axes, 'served [%]')
+            _draw(rows[-1], flight.time, 100.0 * served.values, served.axes, 'served [%]')
             rows[-1].set_ylim(-5.0, 105.0)
         for axes in rows[1:]:
             mark(axes, moments or {})

@@ -59,7 +59,7 @@ class Scenario:
                 f'{len(self._events)} waypoints and announcements after the start: expected up to '
                 f'{DEPTH} in lockstep'
             )
-        self._told = topics.ANNOUNCED_HEALTH.subscribers if failures.announced_times else ()
+        self._listeners = topics.ANNOUNCED_HEALTH.subscribers if failures.announced_times else ()
 
     def begin(self, spin: Callable[[], None]) -> None:
         """Send what is sent before the flight; `spin` spins the node once.
@@ -67,11 +67,11 @@ class Scenario:
         Raises a CaRosError if a node does not receive it.
         """
         limit = Deadline(HEARING)
-        while (deaf := self._recorder.deaf(self._told)) and not limit.passed():
+        while (deaf := self._recorder.deaf(self._listeners)) and not limit.passed():
             spin()
         for name in deaf:
             lacks = f'does not subscribe to {topics.ANNOUNCED_HEALTH.name}'
-            text = f'the {name} {lacks}: it is not told of rotor failures'
+            text = f'the {name} {lacks}: it does not learn of rotor failures'
             print(f'bringup: warning: {text}', file=sys.stderr)
         if self._lockstep:
             for time, send in self._events:

@@ -78,15 +78,15 @@ class ProblemBelief:
 
     def __init__(
         self, node: Node, parameters: Parameters, diagnostics: Diagnostics,
-        make: Callable[..., Any], adopted: Callable[[], None],
+        make: Callable[..., Any], changed: Callable[[], None],
     ) -> None:
-        self.made = make(parameters.settings, None, None)
-        self._adopted = adopted
-        parameters.on_change(lambda settings: make(settings, None, self.made), self._adopt)
+        self.built = make(parameters.settings, None, None)
+        self._changed = changed
+        parameters.on_change(lambda settings: make(settings, None, self.built), self._use)
 
-    def _adopt(self, made: Any) -> None:
-        self.made = made
-        self._adopted()
+    def _use(self, built: Any) -> None:
+        self.built = built
+        self._changed()
 
     def heed(self, *_: object) -> None:
         """Nobody reports the health of effectors."""
@@ -116,7 +116,7 @@ class ProblemAllocatorNode(AllocatorNode):
 
     declared = known = ProblemSettings
     topic = topics.EFFECTORS
-    belief_type, made_type = ProblemBelief, Effectors
+    belief_type, effectors_type = ProblemBelief, Effectors
 
     @staticmethod
     def hardware_id(settings: Any) -> str:

@@ -44,7 +44,7 @@ class AllocatorNode(Node):
 
     When commands cease, the node publishes the timeout action until commands return.
 
-    A subclass is for other effectors than rotors: it has other settings, and another `made`, which
+    A subclass is for other effectors than rotors: it has other settings and effectors, which
     its `belief_type` keeps up to date.  The arguments are those of `rclpy.node.Node`.  Raises a
     ParameterError if a parameter is missing or wrong.
     """
@@ -53,7 +53,7 @@ class AllocatorNode(Node):
     known: ClassVar[type[Settings]] = FileSettings
     topic: ClassVar[topics.Topic] = topics.SPEED_COMMAND
     belief_type: ClassVar[Any] = Belief
-    made_type: ClassVar[Callable[..., Any]] = Rotors
+    effectors_type: ClassVar[Callable[..., Any]] = Rotors
 
     def __init__(self, node_name: str = 'allocator', **kwargs: Any) -> None:
         super().__init__(node_name, **kwargs)
@@ -70,10 +70,10 @@ class AllocatorNode(Node):
         self.diagnostics = Diagnostics(self, 'allocation', self.hardware_id(settings))
         self._counts = self.diagnostics.counts
         self.belief = self.belief_type(
-            self, self.parameters, self.diagnostics, self._make, self._adopt)
-        self._adopt()
+            self, self.parameters, self.diagnostics, self._make, self._use)
+        self._use()
         self._newest = 0
-        self._last: Array = self._made.idle
+        self._last: Array = self._effectors.idle
         self.watchdog = CommandWatch(
             self, self.parameters, self.diagnostics, fall_back=self._fall_back,
             missing=self._missing)
@@ -82,7 +82,7 @@ class AllocatorNode(Node):
         self._offer()
         self.streams.subscribe(topics.WRENCH, self._serve, messages.read_wrench)
         self.diagnostics.start(
-            self._levels, self._values, self.streams, self.watchdog.watch, self._cuts.look,
+            self._levels, self._values, self.streams, self.watchdog.watch, self._cuts.update,
             log=self.belief.log)
         if find_spec('osqp') is None:
             known = 'allocation.method cannot be osqp; exact solves the same program'
@@ -94,10 +94,10 @@ class AllocatorNode(Node):
         return str(settings.vehicle.name)
 
     def _offer(self) -> None:
-        made, publish = self._made, self.streams.publish
-        self._message = speeds_message(self._last[: made.n], None, made.label)
+        effectors, publish = self._effectors, self.streams.publish
+        self._message = speeds_message(self._last[: effectors.n], None, effectors.label)
         self._speeds = publish(self.topic)
-        angles = self._last[made.n :]
+        angles = self._last[effectors.n :]
         self._angles = [
             (publish(topic), speeds_message(angles, None, messages.TILT_ANGLE))
             for topic in topics.needed(topics.COMMAND_PARTS, len(angles))[1:]
@@ -111,7 +111,7 @@ class AllocatorNode(Node):
             (curve.pwm != 0.0, topics.PWM, 'pulse width [us]', 'pulses'),
         ):
             if given:
-                message = speeds_message(self._last[: made.n], None, label)
+                message = speeds_message(self._last[: effectors.n], None, label)
                 self._others.append((publish(topic), message, convert))
         reports = topics.ALLOCATED_WRENCH, topics.RESIDUAL, topics.SATURATION
         self._allocated, self._residual, self._saturation = map(publish, reports)
@@ -131,16 +131,16 @@ class AllocatorNode(Node):
                 f'than command_timeout ({limit:g} s): it is not built in flight'
             )
         begun = perf_counter()
-        made = self.made_type(settings, report)
+        effectors = self.effectors_type(settings, report)
         self._durations.setdefault(method, perf_counter() - begun)
         present = None if before is None else self.parameters.settings
         if present is not settings:
             others = None if present is None else present.allocation
-            check_other_methods(settings.allocation, made.method.problem, others)
-        return made
+            check_other_methods(settings.allocation, effectors.method.problem, others)
+        return effectors
 
-    def _adopt(self) -> None:
-        self._made = self.belief.made
+    def _use(self) -> None:
+        self._effectors = self.belief.built
 
     def _levels(self) -> list[Level]:
         return [*self.belief.levels(), *self.watchdog.levels(self._state)]
@@ -157,7 +157,7 @@ class AllocatorNode(Node):
         ranks = {'p50': 0.5, 'p99': 0.99, 'max': 1.0} if self._latencies else {}
         return {
             'method': self.parameters.settings.allocation.method,
-            'engine': self._made.method.engine,
+            'engine': self._effectors.method.engine,
             'audit': self.belief.audit,
             'level of the last answer': self._answer.level if self._answer else 1.0,
             **self._why(),
@@ -221,8 +221,8 @@ class AllocatorNode(Node):
             self.diagnostics.drop(*fault)
             return
         mode.advance(time)
-        made = self._made
-        if known := mode.recall(time, command, made):
+        effectors = self._effectors
+        if known := mode.recall(time, command, effectors):
             answer, found = known
             self._publish(found, time)
             for key in 'served', answer.status.name.lower():
@@ -236,7 +236,7 @@ class AllocatorNode(Node):
                 raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
             status = Status(answer.status)
             # Speeds out of bounds never reach the motors, even if a method returns them.
-            found = made.command(answer)
+            found = effectors.command(answer)
         except Exception:
             # A method may be anybody's, and one command must not end a flight.
             self.diagnostics.drop('answer', f'a fault of the method: {format_exc().rstrip()}')
@@ -250,7 +250,7 @@ class AllocatorNode(Node):
             self.watchdog.feed()
             self._last, self._newest = found, time
             mode.commanded(moment)
-            mode.remember(command, made, (answer, found))
+            mode.remember(command, effectors, (answer, found))
             self._counts['served'] += 1
             self._latencies.append(perf_counter_ns() - began)
         if status is not Status.EXACT:
@@ -260,10 +260,10 @@ class AllocatorNode(Node):
 
     def _allocate(self, command: WrenchCommand, moment: int) -> Allocation:
         """Return the answer to a wrench, within what the rotors reach since the one before."""
-        made, wrench = self._made, command.wrench
-        u = [wrench[row] for row in made.rows]
-        last, elapsed = self._mode.previous(self._last, moment, made.idle)
-        return made.within_rates.allocate(u, last, elapsed, 0)
+        effectors, wrench = self._effectors, command.wrench
+        u = [wrench[row] for row in effectors.rows]
+        last, elapsed = self._mode.previous(self._last, moment, effectors.idle)
+        return effectors.within_rates.allocate(u, last, elapsed, 0)
 
     def _refuse(self, why: str) -> None:
         """Leave the rotors to the watchdog, from the first command on."""
@@ -291,20 +291,20 @@ class AllocatorNode(Node):
 
     def _fall_back(self, action: str) -> None:
         """Publish a timeout action."""
-        self._last = self._made.at_rest(action, self._last)
+        self._last = self._effectors.at_rest(action, self._last)
         self._publish(self._last, None)
         self._mode.commanded()
 
     def _publish(self, command: Array, time: int | None) -> None:
         """Publish speeds and angles that answer a wrench with a stamp [ns], or none."""
-        n = self._made.n
+        n = self._effectors.n
         speeds, angles = command[:n], command[n:]
         for publisher, message in self._angles:
             publisher.publish(fill_speeds(message, angles, time))
         self._speeds.publish(fill_speeds(self._message, speeds, time))
         for publisher, message, convert in self._others:
             if publisher.get_subscription_count():
-                given = getattr(self._made.vehicle, convert)(speeds)
+                given = getattr(self._effectors.vehicle, convert)(speeds)
                 publisher.publish(fill_speeds(message, given, time))
 
     def _report(self, command: WrenchCommand, answer: Allocation) -> None:
@@ -316,14 +316,13 @@ class AllocatorNode(Node):
         residual = self._residual.get_subscription_count()
         rejected = answer.status is Status.REJECTED
         if allocated or residual:
-            given = (
-                self._made.held(self._last)[0] if rejected else self._made.produced(answer)
-            )
+            effectors, last = self._effectors, self._last
+            given = effectors.held(last)[0] if rejected else effectors.produced(answer)
             if allocated:
                 self._allocated.publish(wrench_message(given, command.header))
             if residual:
                 self._residual.publish(wrench_message(command.wrench - given, command.header))
         if self._saturation.get_subscription_count():
-            at_bounds = self._made.held(self._last)[1] if rejected else answer.saturation
-            saturation = np.where(self._made.lost, LOST, at_bounds)
+            at_bounds = self._effectors.held(self._last)[1] if rejected else answer.saturation
+            saturation = np.where(self._effectors.lost, LOST, at_bounds)
             self._saturation.publish(Int8MultiArray(data=saturation.tolist()))

@@ -39,18 +39,18 @@ class Belief:
     warning, and so does the last sound voltage on `battery`; before the first one, the bounds are
     those of the settings.
 
-    `make`: see `Reconfiguration`.  `adopted`: called when something else is in force; it only
+    `make`: see `Reconfiguration`.  `changed`: called when something else is in force; it only
     assigns.
     """
 
     def __init__(
         self, node: Node, parameters: Parameters, diagnostics: Diagnostics, make: Make,
-        adopted: Callable[[], None],
+        changed: Callable[[], None],
     ) -> None:
         self._node, self._parameters, self._diagnostics = node, parameters, diagnostics
-        self._adopted = adopted
+        self._changed = changed
         self.current = Reconfiguration[Any](parameters.settings, make)
-        parameters.on_change(self.current.prepare, self._adopt)
+        parameters.on_change(self.current.prepare, self._use)
         self._health_time = -1
         self._voltage_time = inf
         self._logged_audit: Audit | None = None
@@ -58,9 +58,9 @@ class Belief:
         self._logged_fault = ''
 
     @property
-    def made(self) -> Any:
+    def built(self) -> Any:
         """What was made for the belief in force."""
-        return self.current.in_force.made
+        return self.current.in_force.built
 
     @property
     def audit(self) -> Audit:
@@ -147,12 +147,12 @@ class Belief:
         waiting = self._parameters.mode.values()
         return {**found, **waiting, 'last build [ms]': f'{1e3 * now.duration:.2f}'}
 
-    def _adopt(self, prepared: Any) -> None:
-        self.current.adopt(prepared)
+    def _use(self, prepared: Any) -> None:
+        self.current.apply(prepared)
         self._notify()
 
     def _notify(self) -> None:
-        self._adopted()
+        self._changed()
         self._diagnostics.wait()
 
     def _report(self, name: str, *said: Any) -> bool:

@@ -65,8 +65,8 @@ class ControllerNode(Node):
         self._cuts = Cuts()
         self.diagnostics = Diagnostics(self, 'control', str(settings.vehicle.name))
         self._counts = self.diagnostics.counts
-        self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._adopt)
-        self._adopt()
+        self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._use)
+        self._use()
         self.watchdog = CommandWatch(
             self, self.parameters, self.diagnostics, 'state', missing=self._missing)
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
@@ -81,18 +81,18 @@ class ControllerNode(Node):
         self.streams.subscribe(topics.POSE, self._receive_pose)
         self.streams.subscribe(topics.VELOCITY, self._receive_velocity)
         self.diagnostics.start(
-            self._levels, self._values, self.streams, self.watchdog.watch, self._cuts.look,
+            self._levels, self._values, self.streams, self.watchdog.watch, self._cuts.update,
             self._log_waypoint, log=self.belief.log)
 
-    def _adopt(self) -> None:
-        self.controller: Controller = self.belief.made
+    def _use(self) -> None:
+        self.controller: Controller = self.belief.built
 
     def _listen_to_waypoints(
         self, quality: QoSProfile, receive: Callable[[PoseStamped], None], **events: Any
     ) -> Subscription:
-        topic, made = topics.WAYPOINT, SubscriptionEventCallbacks(**events)
+        topic, callbacks = topics.WAYPOINT, SubscriptionEventCallbacks(**events)
         given = topic.kind, topic.name, receive, quality
-        return self.create_subscription(*given, event_callbacks=made)
+        return self.create_subscription(*given, event_callbacks=callbacks)
 
     def _ask_for_waypoint(self, _: object) -> None:
         """Subscribe once more if a publisher keeps its waypoints for new subscribers.
@@ -124,8 +124,8 @@ class ControllerNode(Node):
 
     def _values(self) -> dict[str, object]:
         cut = self._components() or 'nothing'
-        told = {'unallocated [N, N m]': cut, **self._cuts.values()}
-        return {**self.belief.values(), **self._counts, **told}
+        unallocated = {'unallocated [N, N m]': cut, **self._cuts.values()}
+        return {**self.belief.values(), **self._counts, **unallocated}
 
     def _missing(self) -> str:
         since = monotonic() - self.watchdog.timeout

@@ -16,7 +16,7 @@ def explained(answer: Allocation) -> bool:
 class Cuts:
     """The answer that served the least of each axis, with its stamp [ns].
 
-    `add` is for the time in which a command waits, and only notes an answer; `look` does the rest.
+    `add` is for the time in which a command waits: it notes an answer, and `update` does the rest.
     """
 
     def __init__(self) -> None:
@@ -27,7 +27,7 @@ class Cuts:
         """Note an answer to a demand with a stamp [ns] that it does not serve in full."""
         self._new.append((time, answer))
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Take what was noted."""
         new, self._new = self._new, []
         for time, answer in new:
@@ -38,7 +38,7 @@ class Cuts:
 
     def values(self) -> Mapping[str, object]:
         """Return for each axis that was cut the least share, when, and why, for diagnostics."""
-        self.look()
+        self.update()
         found: dict[str, object] = {}
         for axis, (share, time, answer) in self._least.items():
             found[f'least {axis} served [%]'] = f'{100.0 * share:.1f}'

@@ -70,7 +70,7 @@ class Diagnostics:
         `log` is called before /diagnostics is published; see `wait`.
         """
         self._levels, self._values, self._streams = levels, values, streams
-        self._chores, self._log = (streams.look, *chores), log
+        self._chores, self._log = (streams.note_stall, *chores), log
         self._looked = monotonic()
         self._publisher = DiagnosticsPublisher(self._node, self._hardware_id)
         self._node.create_timer(TICK, self._tick, clock=STEADY)

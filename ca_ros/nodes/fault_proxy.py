@@ -39,8 +39,8 @@ class FaultProxyNode(Node):
         if unknown := self.parameters.unknown:
             names = ', '.join(table(FaultSettings))
             raise ParameterError(f'{unknown[0]}: no such parameter ({names})')
-        self._adopt(self.parameters.settings.links())
-        self.parameters.on_change(lambda settings: settings.links(), self._adopt)
+        self._use(self.parameters.settings.links())
+        self.parameters.on_change(lambda settings: settings.links(), self._use)
         # With deep queues the proxy itself loses no message.
         quality = deep()
         kinds = {topic.name: topic.kind for topic in FAULTY if topic.name in self._faults}
@@ -59,7 +59,7 @@ class FaultProxyNode(Node):
         self._diagnostics = DiagnosticsPublisher(self, hardware_id='link')
         self.create_timer(1.0, self._diagnose, clock=STEADY)
 
-    def _adopt(self, faults: dict[str, FaultSettings]) -> None:
+    def _use(self, faults: dict[str, FaultSettings]) -> None:
         """Apply these faults from the next message on."""
         self._faults = faults
 

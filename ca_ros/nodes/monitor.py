@@ -57,8 +57,8 @@ class MonitorNode(Node):
         self._logged_health: list[float] = []
         self.diagnostics = Diagnostics(self, 'detection', str(settings.vehicle.name))
         self._counts = self.diagnostics.counts
-        self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._adopt)
-        self._adopt()
+        self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._use)
+        self._use()
         self._bounds = CommandBounds(self.belief.audit.vehicle)
         self._lag_check = LagCheck(self.belief.audit.vehicle, settings.detector)
         self._message = messages.speeds_message(self.detector.health, None, 'rotor health')
@@ -83,8 +83,8 @@ class MonitorNode(Node):
             self._levels, self._values, self.streams, self.watchdog.watch,
             self._publish_announced, log=self.belief.log)
 
-    def _adopt(self) -> None:
-        self.detector: Detector = self.belief.made
+    def _use(self) -> None:
+        self.detector: Detector = self.belief.built
         self.detector.announce(self.belief.audit.full.vehicle.health)
         self._announced = True
 

@@ -120,14 +120,14 @@ class Parameters:
                 service.callback = self._set_all
 
     def on_change(
-        self, prepare: Callable[[Any], Any], adopt: Callable[[Any], None] = lambda _: None
+        self, prepare: Callable[[Any], Any], use: Callable[[Any], None] = lambda _: None
     ) -> None:
-        """Follow changes: `prepare` gets the new settings, and `adopt` what that returned.
+        """Follow changes: `prepare` gets the new settings, and `use` what that returned.
 
         `prepare` changes nothing; its exception, a ValueError if the settings are wrong, refuses
-        the change.  `adopt` is called when all is set, and must not fail: it only assigns.
+        the change.  `use` is called when all is set, and must not fail: it only assigns.
         """
-        self._prepare, self._adopt = prepare, adopt
+        self._prepare, self._use = prepare, use
         self._node.add_pre_set_parameters_callback(self._name_unknown)
         self._node.add_on_set_parameters_callback(self._check)
         self._node.add_post_set_parameters_callback(self._take_over)
@@ -192,7 +192,7 @@ class Parameters:
         if self._prepared is not None:
             self.settings, prepared = self._prepared
             self._prepared = None
-            self._adopt(prepared)
+            self._use(prepared)
 
 
 ARRAYS = {

@@ -55,7 +55,7 @@ class Streams:
         self.subscriptions: list[Subscription] = []
         self.publishers: list[Publisher] = []
 
-    def look(self) -> None:
+    def note_stall(self) -> None:
         """Notice a stall since the last look; a timer calls this."""
         now = monotonic()
         if now - self._looked > STALL_MIN:
@@ -66,7 +66,7 @@ class Streams:
         """Return the newest message of what waits after a stall; otherwise the message taken."""
         # Before the timer, which comes after the messages.
         if monotonic() > self._looked + STALL_MIN:
-            self.look()
+            self.note_stall()
         while monotonic() < self._settled:
             taken = stream.handle.take_message(stream.msg_type, True) or taken
             sleep(0.001)

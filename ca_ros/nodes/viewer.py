@@ -39,8 +39,8 @@ class ViewerNode(Node):
         super().__init__(node_name, **kwargs)
         self.parameters = Parameters(self, self.declared)
         settings = self.parameters.settings
-        self._adopt(self._prepare(settings))
-        self.parameters.on_change(self._prepare, self._adopt)
+        self._use(self._prepare(settings))
+        self.parameters.on_change(self._prepare, self._use)
         self.diagnostics = Diagnostics(self, 'view', str(settings.vehicle.name))
         self.streams = Streams(
             self, self.parameters.mode, self.diagnostics.drop, self.diagnostics.counts)
@@ -68,7 +68,7 @@ class ViewerNode(Node):
     def _prepare(self, settings: ViewerSettings) -> Vehicle:
         return Vehicle.from_settings(settings.vehicle, settings.rotors)
 
-    def _adopt(self, vehicle: Vehicle) -> None:
+    def _use(self, vehicle: Vehicle) -> None:
         self.vehicle = vehicle
 
     def _state(self) -> Level:

@@ -41,14 +41,14 @@ class Watchdog:
 
     @property
     def over(self) -> bool:
-        """Whether the timeout has passed; after `look` has seen this, only a command resets it."""
+        """Whether the timeout has passed; once `check` has seen it, only a command resets it."""
         return self._over or (self._last is not None and monotonic() > self._last + self.timeout)
 
     def feed(self) -> None:
         """Note a command."""
         self._last, self._over = monotonic(), False
 
-    def look(self) -> bool:
+    def check(self) -> bool:
         """Return whether the timeout has passed, and remember it."""
         before, self._over = self._over, self.over
         self.expired, self.begun = self._over, self._over and not before
@@ -87,19 +87,19 @@ class CommandWatch(Watchdog):
         if not self._parameters.mode.clocked:
             return
         before = self.expired
-        if self.look():
+        if self.check():
             if self.begun:
                 self._counts['timeouts'] += 1
-                self._node.get_logger().error(f'{self._said(f" for {self.timeout:g} s")}')
+                self._node.get_logger().error(f'{self._text(f" for {self.timeout:g} s")}')
             self._fall_back(self.action)
         elif before:
             self._node.get_logger().info(f'{self._awaited}s have returned')
 
     def levels(self, state: Callable[[], Level]) -> list[Level]:
         """Return the level of the diagnostics: of the timeout, or else of what the node does."""
-        return [(ERROR, self._said()) if self.expired else state()]
+        return [(ERROR, self._text()) if self.expired else state()]
 
-    def _said(self, since: str = '') -> str:
+    def _text(self, since: str = '') -> str:
         return f'{self._missing()}{since}{f": {self.action}" if self.action else ""}'
 
 

@@ -84,7 +84,7 @@ class Pilot:
             believed.report('detector', change.detected)
         if believed.fault:
             raise ParameterError(believed.fault)
-        self.controller, self.allocator = believed.in_force.made
+        self.controller, self.allocator = believed.in_force.built
 
 
 class Detection:
