@@ -30,7 +30,7 @@ exact = ('exact', 'least_norm', 'priorities', 'priorities_wide', 'facet', 'expla
 # The detector of rotor failures, and the allocator of rotors that tilt.
 detector = ('detector', 'detector_module')
 commands_max = [('CA_COMMANDS', '1000')]  # as in ca_ros/detection/motor_model.py
-vectored = ('vectored', 'vectored_priorities', 'vectored_module')
+vectored = ('vectored', 'vectored_newton', 'vectored_priorities', 'vectored_module')
 kernels = [
     Extension(
         f'{package}.kernel._{name}',

@@ -9,9 +9,11 @@ import pytest
 
 from ca_ros import AdmissibleSet, AllocationProblem, Status, kernel, make_allocator
 from ca_ros.kernel import AXES_MAX, ROTORS_MAX, load
-from ca_ros.problem import prioritization
+from ca_ros.problem import prioritization, sets_prioritization
 from ca_ros.problem.problem import EXACT_TOLERANCE
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.solver import faces
+from ca_ros.solver import least_norm_over_sets as sets_qp
 from ca_ros.solver import least_norm_qp as qp
 from ca_ros.solver import lexicographic_lp as lp
 from ca_ros.solver.zonotope import SPANNING_MIN
@@ -120,18 +122,24 @@ def test_policies_agree_on_what_is_attainable(n, first, digits, monkeypatch):
 
 SHARED = {
     'least_norm.c': {
-        'STEPS': qp.STEPS, 'FLAT': qp.SINGULAR_MIN, 'STEEP': qp.STEEP,
+        'STEPS': qp.STEPS, 'SINGULAR_MIN': qp.SINGULAR_MIN, 'STEEP': qp.STEEP,
         'SOFT': qp.SOFT, 'SAME': qp.SAME, 'STILL': qp.STILL,
-        'ROUNDING': qp.IMAGE_ROUNDING, 'CHANGED': qp.CHANGED,
+        'IMAGE_ROUNDING': qp.IMAGE_ROUNDING, 'CHANGED': qp.CHANGED,
         'EXACT_SUM': qp.EXACT_SUM, 'SUM': qp.SUM, 'AIM': qp.AIM},
     'priorities.c': {
-        'ZERO': lp.ZERO, 'SLACK': lp.SLACK, 'STILL': lp.RATE_MIN,
+        'ZERO': lp.ZERO, 'SLACK': lp.SLACK, 'RATE_MIN': lp.RATE_MIN,
         'PIVOTS_PER_VARIABLE': lp.PIVOTS_PER_VARIABLE, 'INSIDE': prioritization.INSIDE,
         'REST': prioritization.REST, 'DOUBT': prioritization.DOUBT},
     'priorities.h': {
         'CA_LAG': prioritization.LAG, 'CA_LAG_RATIO': prioritization.LAG_RATIO},
-    'exact.c': {'INDEPENDENT': SPANNING_MIN},
-    'numbers.h': {'CA_TOLERANCE': EXACT_TOLERANCE, 'CA_ABSURD': ABSURD},
+    'vectored_newton.c': {name: getattr(sets_qp, name) for name in (
+        'STEPS', 'TRIALS', 'ROUNDING', 'FLAT', 'DAMPING', 'PULLS', 'GROWTH', 'PULL_MAX', 'FAR',
+        'GAP')},
+    'vectored_priorities.c': {
+        'LEVEL': faces.LEVEL, 'DEPENDENT': faces.DEPENDENT, 'STILL': sets_prioritization.STILL,
+        'YIELD': sets_prioritization.YIELD, 'MOVED': sets_prioritization.MOVED},
+    'exact.c': {'SPANNING_MIN': SPANNING_MIN},
+    'numbers.h': {'CA_EXACT_TOLERANCE': EXACT_TOLERANCE, 'CA_ABSURD': ABSURD},
     'configuration.h': {'CA_N': ROTORS_MAX, 'CA_M': AXES_MAX}}
 """The constants that both engines have, by the file of the kernel."""
 
@@ -139,7 +147,8 @@ SHARED = {
 @pytest.mark.parametrize('file', SHARED)
 def test_the_engines_have_the_same_constants(file):
     text = (Path(kernel.__file__).parent / file).read_text()
-    number = r'(?:(?:REAL\()?(?:CA_)?CHOOSE\(([^,]+),|(?:CA_)?REAL\(([\d.e-]+)\)|([\d.e-]+)$)'
+    number = (r'(?:(?:REAL\()?(?:CA_)?CHOOSE\(([^,]+),|(?:CA_)?REAL\(([\d.e-]+)\)|'
+              r'([\d.e-]+)(?= |$))')
     found = {name: np.prod([float(factor) for factor in ''.join(values).split('*')])
              for name, *values in re.findall(rf'#define (\w+) {number}', text, re.MULTILINE)}
     assert {name: found[name] for name in SHARED[file]} == SHARED[file]

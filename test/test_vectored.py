@@ -642,3 +642,17 @@ def test_sets_in_the_file_of_a_problem(tmp_path):
     file.write_text(BOAT + '  lower: 0.0\n')
     with pytest.raises(ParameterError, match=r'problem\.lower: given beside sets'):
         AllocationProblem.load(file)
+
+
+@pytest.mark.parametrize('newton', [sets_newton, SetsNewton])
+@pytest.mark.parametrize('seed', range(length(20, 200)))
+def test_preferred_vectors_whose_squares_overflow_end_at_the_tip_of_the_set(newton, seed):
+    rng = np.random.default_rng(seed)
+    size, radius = int(rng.integers(2, 4)), rng.uniform(1.0, 5.0)
+    sets = ConvexSets([Sector(rng.choice([rng.uniform(0.1, 1.5), np.pi]), radius, size)])
+    tip, far = np.zeros((2, size))
+    tip[0], far[0] = radius, 10.0 ** rng.uniform(154.0, 165.0)
+    solver = newton(np.eye(size)[1:2], sets, np.ones(size), far)
+    found = solver.solve(np.zeros((1, 1)))
+    assert found.attained[0]
+    np.testing.assert_allclose(found.points[0], tip, rtol=1e-12)

@@ -29,7 +29,8 @@ KERNEL_FILES = (
       'explanation.c'),
 )
 TILTING_FILES = (
-    'vectored.h', 'problem.h', 'numbers.h', 'vectored.c', 'vectored_priorities.c',
+    *('vectored.h', 'vectored_problem.h', 'vectored_newton.h', 'vectored_priorities.h'),
+    *('problem.h', 'numbers.h', 'vectored.c', 'vectored_newton.c', 'vectored_priorities.c'),
 )
 DETECTOR_FILES = ('detector.h', 'detector.c')
 FIXED = ('Makefile', 'check.c', 'startup.c', 'mps2.ld')

@@ -6,7 +6,7 @@
 #include <string.h>
 
 /* Share of an axis that is independent of the other axes, below which the set has no volume. */
-#define INDEPENDENT CA_CHOOSE(1e-9, 1e-5)
+#define SPANNING_MIN CA_CHOOSE(1e-9, 1e-5)
 
 /* Orthonormal columns that span the rows of Gamma times the ranges of the thrusts, or over their
  * weights: Gamma^T = basis R by the Gram-Schmidt method, twice. Returns 0 if the rows are
@@ -31,7 +31,7 @@ static int span(ca_problem *p, int ranges)
                     column[i] -= share * p->basis[i][j];
             }
         const ca_real rest = ca_length(n, column);
-        if (!ca_is_finite(&rest) || !(rest > INDEPENDENT * whole))
+        if (!ca_is_finite(&rest) || !(rest > SPANNING_MIN * whole))
             return 0;
         p->back[k][k] = rest;
         for (int i = 0; i < n; i++)
@@ -452,7 +452,7 @@ static int normal_of(const ca_problem *p, const int *choice, ca_real *normal)
                     row = i;
                     column = k;
                 }
-        if (!(ca_abs(rows[row][column]) > INDEPENDENT))
+        if (!(ca_abs(rows[row][column]) > SPANNING_MIN))
             return 0;
         for (int k = 0; k < m; k++) {
             const ca_real entry = rows[r][k];
@@ -540,7 +540,7 @@ ca_real ca_margin(const ca_problem *p, const ca_real *u)
             whole += ca_abs(normal[k]) * extent[k];
         }
         const ca_real width = half_width(p, normal);
-        if (!(width > INDEPENDENT * whole))
+        if (!(width > SPANNING_MIN * whole))
             return -CA_UNBOUNDED;
         margin = ca_min(margin, width - ca_abs(height));
         normals++;

@@ -232,11 +232,11 @@ void ca_explain(const ca_problem *p, const ca_real *u, const ca_real *thrusts,
     for (int k = 0; k < m; k++)
         explanation->served[k] = 1;
     const ca_real size = ca_max(1, ca_length(m, u));
-    if (ca_within(p, ca_length(m, missed), ca_max(CA_TOLERANCE, p->slack) * size, 1, thrusts))
+    if (ca_within(p, ca_length(m, missed), ca_max(CA_EXACT_TOLERANCE, p->slack) * size, 1, thrusts))
         return;
     for (int k = 0; k < m; k++) {
         const ca_real way = ca_abs(u[k] - p->reference[k]), error = ca_abs(missed[k]);
-        misses[k] = error > ca_max(SERVED * p->extent[k], CA_TOLERANCE * size);
+        misses[k] = error > ca_max(SERVED * p->extent[k], CA_EXACT_TOLERANCE * size);
         any = any || misses[k];
         if (misses[k])
             explanation->served[k] = error < way ? 1 - error / way : 0;

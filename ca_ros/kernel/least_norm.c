@@ -19,7 +19,7 @@
  * to be unattainable. */
 #define STRAYS 1
 /* Norm of a column of the free rows of the basis below which they do not span an axis. */
-#define FLAT CA_CHOOSE(1e-8, 1e-4)
+#define SINGULAR_MIN CA_CHOOSE(1e-8, 1e-4)
 /* Distance of a free row from the span of others below which it is in the span. */
 #define DEPENDENT CA_CHOOSE(1e-13, 1e-4)
 /* Share of a vector below which it is computed again, since rounding errors of the rest count. */
@@ -33,7 +33,7 @@
 /* Change of a thrust, in units of the greatest thrust, for which no slack is used. */
 #define SAME CA_CHOOSE(1e-7, 1e-4)
 /* Rounding error of thrusts that are computed from y, as a share of |y|. */
-#define ROUNDING CA_CHOOSE(16 * 2.2e-16, 16 * 1.2e-7)
+#define IMAGE_ROUNDING CA_CHOOSE(16 * 2.2e-16, 16 * 1.2e-7)
 /* Difference of thrusts that counts as a change of the active set. */
 #define CHANGED CA_CHOOSE(1e-10, 1e-5)
 /* Share of the fastest rate below which a rotor does not move along a step. */
@@ -268,7 +268,7 @@ static void factorize(const bounded_program *program, const int *free, int count
             }
         }
         const ca_real length = ca_sqrt(greatest);
-        if (!(length > FLAT)) {
+        if (!(length > SINGULAR_MIN)) {
             f->rank = j;
             break;
         }
@@ -687,7 +687,8 @@ static void iterate(newton *it)
             break;
         /* In single precision, steps rarely help if rounding errors of y exceed the tolerance. */
         const int uncertain = CA_CHOOSE_INT(
-            0, ROUNDING * ROUNDING * ca_dot(m, y, y) > 64 * search->tolerance * search->tolerance);
+            0, IMAGE_ROUNDING * IMAGE_ROUNDING * ca_dot(m, y, y) >
+                   64 * search->tolerance * search->tolerance);
         idle = residual < (uncertain ? least / 2 : least) ? 0 : idle + 1;
         if (it->early && count == m) {
             /* With as many rotors as axes there is only one solution. */
@@ -714,7 +715,7 @@ static void iterate(newton *it)
             for (int k = 0; k < m; k++)
                 after[k] = y[k] + step[k];
             const ca_real limit =
-                CHANGED * (1 + problem->greatest) + ROUNDING * ca_length(m, after);
+                CHANGED * (1 + problem->greatest) + IMAGE_ROUNDING * ca_length(m, after);
             if (completes(program, z, rates, g, f, normal ? rates : change, limit, goal)) {
                 leave(program, search->wrench, goal, left);
                 if (keep(it, ca_length(m, left), goal, after))
@@ -866,7 +867,7 @@ void ca_start(const ca_problem *problem, const ca_real *u, int attainable, int *
 {
     search->wrench = u;
     search->size = ca_max(1, ca_length(CA_AXES(problem), u));
-    search->tolerance = CA_TOLERANCE * search->size;
+    search->tolerance = CA_EXACT_TOLERANCE * search->size;
     search->attainable = attainable;
     search->unattainable = 0;
     search->steps = steps;
@@ -932,7 +933,7 @@ int ca_least_norm_at_once(const ca_problem *p, const ca_face *face, const ca_rea
             return 0;
     }
     ca_leave(p, face->wrench, f, left);
-    const ca_real tolerance = CA_TOLERANCE * ca_max(1, ca_length(m, face->wrench));
+    const ca_real tolerance = CA_EXACT_TOLERANCE * ca_max(1, ca_length(m, face->wrench));
     if (!ca_within(p, ca_length(m, left), tolerance, AIM, f))
         return 0;
     ca_copy(n, f, thrusts);

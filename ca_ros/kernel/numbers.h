@@ -42,8 +42,38 @@
 #define CA_AXES(problem) ((problem)->m)
 #endif
 
+/* Tolerances, and why they have their values. Those that NumPy has too have the same name there, without
+ * CA_, and the same value in double precision; test/test_rounding.py compares them. eps is 2.2e-16, in
+ * single precision 1.2e-7. Thrusts, axes and rates are scaled to the order of 1.
+ *
+ * name               double  single  why
+ * CA_EXACT_TOLERANCE  1e-12   1e-5   some 100 eps: what sums of 32 terms and two solutions leave
+ * EXACT_SUM           4 eps   4 eps  a sum Gamma f with large terms cannot be nearer to the wrench
+ * AIM                 0.5     0.5    leaves the other half to sums in another order
+ * SUM                 1e-14   1e-6   rounding of a sum of up to 38 terms along a step
+ * IMAGE_ROUNDING     16 eps  16 eps  of thrusts of multipliers y, which has 6 terms, as a share of |y|
+ * CHANGED             1e-10   1e-5   well above IMAGE_ROUNDING for |y| up to STEEP
+ * STILL               1e-12   1e-6   rounding of a rate that is zero; its rotor would end far away
+ * SINGULAR_MIN        1e-8    1e-4   half of the digits: a norm whose square is eps
+ * DEPENDENT           1e-13   1e-4   rounding of the rest of a row by the Gram-Schmidt method
+ * WELL                1e-2    3e-2   normal equations, which square it, lose up to 4 and 3 digits
+ * STEEP               2e4     2e2    multipliers that no facet has but those parallel to 5e-5 and 5e-3
+ * SOFT, SAME          0.05, 1e-7, single 1e-4: how much slack is used, and when; docs/exact.md
+ * SPANNING_MIN        1e-9    1e-5   axes with fewer independent digits would lose their tolerance
+ * ZERO                1e-8    1e-6   a rate that moves an axis by less than motors can follow
+ * RATE_MIN            1e-9    1e-6   below ZERO, so that what blocks is not what a push has ignored
+ * NOISE               1e-13   1e-6   rounding of a rate after some pivots
+ * UNCLEAR             0       3e-3   rounding after pivots of this size: a decision that needs digits
+ * SLACK               1e-12   1e-6   rounding of a variable after some moves
+ * DOUBT               10      1      pivots after one another, each with its error
+ * PARALLEL            1e-3    1e-3   facets that a wrench 1e-9 away exchanges: no face is taken
+ * INSIDE, LAG, LAG_RATIO, REST: 0.99, 1e-3, 1e-6, 1e-9: of the priorities, not of rounding
+ * NONE, CLEAR         1e-10, 1e-3, single 1e-6, 1e-2: a normal of rounded factors; between them it is
+ *                     left to the simplex method
+ * CA_ABSURD           1e100   1e12   its square is finite
+ */
 /* Residual of an exact allocation, relative to max(1, |u|). */
-#define CA_TOLERANCE CA_CHOOSE(1e-12, 1e-5)
+#define CA_EXACT_TOLERANCE CA_CHOOSE(1e-12, 1e-5)
 /* Greatest number of a wrench or a problem. Its square is finite. */
 #define CA_ABSURD CA_CHOOSE(1e100, 1e12)
 /* Stands for infinity, which -ffast-math excludes: greater than what all sums and quotients give. */

@@ -52,7 +52,7 @@ typedef ca_real real;
 /* Distance by which rounding may move a variable out of its bounds. */
 #define SLACK CHOOSE(1e-12, 1e-6, 1e-7)
 /* Rate below which a variable does not block a move. */
-#define STILL CHOOSE(1e-9, 1e-6, 1e-6)
+#define RATE_MIN CHOOSE(1e-9, 1e-6, 1e-6)
 /* Bound of the pivots of one push, per variable. */
 #define PIVOTS_PER_VARIABLE 8
 /* Greatest share of the way to the boundary of the set where a line may begin. */
@@ -196,7 +196,7 @@ static int move(simplex *s, int k, real way, int target, int *blocked)
     real furthest = length;
     for (int r = 0; r < s->rows; r++) {
         const real rate = sign * s->rates[r][k], size = real_abs(rate);
-        if (r == target || size < STILL)
+        if (r == target || size < RATE_MIN)
             continue;
         const real left = rate > 0 ? s->upper[r] - s->value[r] : s->value[r] - s->lower[r];
         if (left < size * furthest) {
@@ -767,7 +767,7 @@ static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
         const real weight = (real)p->weight[i], square = weight * weight, f = (real)thrusts[i];
         slope += square * rates[i] * (f - (real)p->preferred[i]);
         curvature += square * rates[i] * rates[i];
-        if (real_abs(rates[i]) > STILL * (real)p->half_range[i]) {
+        if (real_abs(rates[i]) > RATE_MIN * (real)p->half_range[i]) {
             const real down = ((real)p->lower[i] - f) / rates[i];
             const real up = ((real)p->upper[i] - f) / rates[i];
             low = real_max(low, real_min(down, up));
@@ -832,7 +832,7 @@ int SERVE(const ca_problem *p, const ca_real *u, ca_served *served, int *pivots,
         wrench[k] = (ca_real)(center_of(p, k) + extent_of(p, k) * axes[k]);
     /* The small pivots of almost symmetric vehicles lose digits. */
     ca_leave(p, wrench, thrusts, missed);
-    const ca_real tolerance = CA_TOLERANCE * ca_max(1, ca_length(m, wrench));
+    const ca_real tolerance = CA_EXACT_TOLERANCE * ca_max(1, ca_length(m, wrench));
     if (!ca_within(p, ca_length(m, missed), tolerance, CA_REAL(0.5), thrusts)) {
         ca_settle(p, wrench, tolerance, thrusts, steps);
         ca_leave(p, wrench, thrusts, missed);

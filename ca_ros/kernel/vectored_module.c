@@ -2,6 +2,8 @@
 #include "module.h"
 
 #include "vectored.h"
+#include "vectored_newton.h"
+#include "vectored_priorities.h"
 
 typedef struct {
     PyObject_HEAD

@@ -4,8 +4,9 @@
  * before it are kept at a value or in a range. Where it ends on the boundary, only the vectors with
  * the greatest product with the normal serve as much: a face of the sets. The next steps stay on it.
  */
-#include "vectored.h"
+#include "vectored_priorities.h"
 #include "numbers.h"
+#include "vectored_newton.h"
 
 #include <string.h>
 

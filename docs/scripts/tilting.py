@@ -194,7 +194,7 @@ def instructions(name: str, size: int) -> tuple[np.ndarray, np.ndarray]:
         program = counting.compiled(
             folder / 'vectored.elf', *counting.KERNEL_FLAGS, *counting.given(boxes, folder),
             *options, counting.PROGRAM, counting.KERNEL / 'vectored.c',
-            counting.KERNEL / 'vectored_priorities.c',
+            counting.KERNEL / 'vectored_newton.c', counting.KERNEL / 'vectored_priorities.c',
         )
         found = counting.run(program, drawn)
     print(f'{name}: exact {np.mean(found[:, 1] == 0):.3f}, boxes {np.mean(box[:, 1] == 0):.3f}; '
