@@ -10,7 +10,7 @@ from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, constant
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.vehicle.validation import numbers
+from ca_ros.vehicle.validation import ABSURD, numbers
 
 
 class SlewLimited(Allocator):
@@ -94,7 +94,9 @@ class SlewLimited(Allocator):
         if last is None:
             return self.allocator.allocate(u)
         command = numbers('last', last, self.problem.n)
-        seconds = float(numbers('period', period))
+        # The check of a number takes longer than a comparison.
+        sound = type(period) is float and 0.0 <= period <= ABSURD
+        seconds = period if sound else float(numbers('period', period))
         if seconds < 0.0:
             raise ValueError(f'period: expected a time from 0 on [s], got {period!r}')
         return self.allocator.allocate_within(u, *self.reachable(command, seconds))
