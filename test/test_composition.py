@@ -156,6 +156,8 @@ def test_the_table_of_qos_is_that_of_the_nodes(graph, mode):
         vehicle = 'hexarotor_tilting' if tilts else 'hexarotor'
         values = file_values(vehicle, kind=node_class.declared) | {'mode': mode}
         values |= {name: True for name in values if 'publish_' in name}
+        if node_class is AllocatorNode:
+            values |= {'rotors.thrust_curve.pwm': [1000.0, 2000.0]}
         node = node_class(
             context=graph.node.context, use_global_arguments=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()])
