@@ -14,6 +14,8 @@ SLOW = 0.5  # time over which errors of the prediction are learnt as disturbance
 MEMORY = 3000.0  # number of samples over which old ones are forgotten
 ERROR_MAX = 10.0  # greatest error of an angular velocity that a lag explains [rad/s]
 CLEAR = 30.0  # lead of a lag in the logarithm of the likelihood, from which it counts
+GAIN = 0.5, 2.0  # bounds of the true torques over those that are predicted
+EXPLAINED = 0.3  # least share of the variance that the best prediction explains
 SHARE, LEAST, MOST = 0.5, 0.018, 0.04
 """A set lag is warned of if it is off by more than this share of it, but at least and at most
 these times [s]."""
@@ -22,12 +24,14 @@ these times [s]."""
 class LagCheck:
     """Finds the lag with which the commands explain the motion best.
 
-    For each candidate, the torques of the commanded rotors predict the angular velocity; the lag
-    with the least squares of errors is the likeliest, the errors taken as white (output error
-    method: Ljung, System Identification, 1999, section 4.2).  Only the sum of lag and delay can be
-    estimated: a delay that is longer by some milliseconds looks like a lag that is longer by as
-    much, so the set delay counts as known.  Where rotor speeds are measured, the errors of the
-    predicted speeds take the place of those of the motion.
+    For each candidate, the torques of the commanded rotors predict the angular velocity, and the
+    best gain for each axis, within bounds, is fitted with it; the lag with the least squares of
+    errors is the likeliest, the errors taken as white (output error method: Ljung, System
+    Identification, 1999, section 4.2).  It counts if it explains enough of what is measured: a
+    vehicle that hardly moves would else show the lag that predicts nothing.  Only the sum of lag
+    and delay can be estimated: a delay that is longer by some milliseconds looks like a lag that
+    is longer by as much, so the set delay counts as known.  Where rotor speeds are measured, the
+    errors of the predicted speeds take the place of those of the motion.
     """
 
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings) -> None:
@@ -35,15 +39,15 @@ class LagCheck:
         self._rotors = CommandedRotors(vehicle, settings, LAGS[:, None])
         self._inertia = inertia_of(vehicle)
         self._time: int | None = None
-        self._predicted = self._slow = np.zeros((len(LAGS), 3))
-        self._squares, self._count = np.zeros((len(LAGS), 3)), 0.0
+        self._predicted = self._slow = np.zeros((len(LAGS) + 1, 3))
+        self._squares, self._count = np.zeros((3, len(LAGS), 3)), 0.0
         self._measured = False
 
     @property
     def total(self) -> float | None:
         """The likeliest sum of lag and delay [s]; None while the flight does not show it."""
         costs = self._costs()
-        shown = costs.max() - costs.min() > CLEAR
+        shown = costs.max() - costs.min() > CLEAR and self._explains(int(costs.argmin()))
         return float(LAGS[costs.argmin()]) + self._delay if shown else None
 
     @property
@@ -52,6 +56,7 @@ class LagCheck:
         costs, given = self._costs(), self._set
         likely = float(LAGS[costs.argmin()])
         clear = np.interp(given, LAGS, costs) - costs.min() > CLEAR
+        clear = clear and self._explains(int(costs.argmin()))
         if not clear or abs(likely - given) <= min(max(SHARE * given, LEAST), MOST):
             return ''
         return (
@@ -60,10 +65,22 @@ class LagCheck:
             f'{1e3 * given:.0f} + {1e3 * self._delay:.0f} ms'
         )
 
+    def _rests(self) -> Array:
+        """Return the sums of squares (C, k) that each candidate leaves, with its best gain."""
+        seen, both, predicted = self._squares
+        bounds = (1.0, 1.0) if self._measured else GAIN
+        gains = np.clip(both / np.maximum(predicted, 1e-12), *bounds)
+        return np.maximum(seen + gains * (gains * predicted - 2.0 * both), 0.0)
+
     def _costs(self) -> Array:
         """Return the negative logarithm of the likelihood of each candidate (C,)."""
-        costs: Array = 0.5 * self._count * np.log(self._squares + 1e-9).sum(axis=1)
+        costs: Array = 0.5 * self._count * np.log(self._rests() + 1e-9).sum(axis=1)
         return costs
+
+    def _explains(self, best: int) -> bool:
+        """Return whether a candidate explains enough of what is measured."""
+        left = self._rests()[best] / np.maximum(self._squares[0, best], 1e-12)
+        return bool(left.min() < 1.0 - EXPLAINED)
 
     def command(self, time: int, command: Array) -> None:
         """Take a command with its stamp [ns], as `FailureDetector.command` does."""
@@ -75,17 +92,19 @@ class LagCheck:
         last, self._time = self._time, time
         step = 0.0 if last is None else (time - last) / 1e9
         if last is None or not 0.0 < step < SLOW:
-            self._predicted = np.tile(angular_velocity, (len(LAGS), 1))
+            self._predicted = np.tile(angular_velocity, (len(LAGS) + 1, 1))
+            self._slow = self._predicted
             return
         turned = cross(angular_velocity, self._inertia @ angular_velocity)
         thrusts = health * self._rotors.thrusts(last, time)
         torques = thrusts @ self._rotors.wrenches[3:].T - turned
-        self._predicted = self._predicted + step * np.linalg.solve(self._inertia, torques.T).T
-        error = angular_velocity - self._predicted
-        self._slow = self._slow + step / SLOW * (error - self._slow)
-        error = error - self._slow
-        if not self._measured and (abs(error) <= ERROR_MAX).all():
-            self._add(error)
+        turned = self._predicted[1:] + step * np.linalg.solve(self._inertia, torques.T).T
+        # The first row is what is measured.
+        self._predicted = np.concatenate([angular_velocity[None], turned])
+        self._slow = self._slow + step / SLOW * (self._predicted - self._slow)
+        quick = self._predicted - self._slow
+        if not self._measured and (abs(quick[0] - quick[1:]) <= ERROR_MAX).all():
+            self._add(quick[:1], quick[1:])
 
     def interrupt(self) -> None:
         """Take the next state as one that does not continue those before."""
@@ -94,10 +113,14 @@ class LagCheck:
     def measure(self, speeds: Array, health: Array) -> None:
         """Take measured rotor speeds (n,) [rad/s] at the time of the last state."""
         if not self._measured:
-            self._squares, self._count = np.zeros((len(LAGS), len(speeds))), 0.0
+            self._squares, self._count = np.zeros((3, len(LAGS), len(speeds))), 0.0
             self._measured = True
-        self._add(np.where(health < 1.0, 0.0, speeds - self._rotors.speeds))
+        sound = health >= 1.0
+        self._add((sound * speeds)[None], sound * self._rotors.speeds)
 
-    def _add(self, errors: Array) -> None:
+    def _add(self, measured: Array, predicted: Array) -> None:
+        """Add what is measured (1, k) and what each candidate predicts (C, k)."""
         keep = 1.0 - 1.0 / MEMORY
-        self._squares, self._count = keep * self._squares + errors**2, keep * self._count + 1.0
+        products = np.stack(np.broadcast_arrays(
+            measured**2, measured * predicted, predicted**2 * np.ones((len(LAGS), 1))))
+        self._squares, self._count = keep * self._squares + products, keep * self._count + 1.0
