@@ -50,6 +50,9 @@ COMMANDS = {
     'identify': (
         'ca_ros.studies.identify',
         'identify lag, delay, inertia and thrust of a vehicle from flights'),
+    'replay': (
+        'ca_ros.studies.replay',
+        'what the detector of rotor failures would have named in a recorded flight'),
     'from-urdf': (
         'ca_ros.vehicle.formats.urdf',
         'print a parameter file from a URDF: mass, inertia, and the places of its rotor links'),

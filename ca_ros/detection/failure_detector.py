@@ -73,6 +73,8 @@ class FailureDetector:
     - `evidence`: what each failure was found by: 'motion' or 'rotor speed', or at which angle its
       servo sticks
     - `suspect`: the rotor that may be failing now
+    - `margin`: lead of the evidence for the likeliest rotor over that for a disturbance, in the
+      last test in which something was suspected; a natural logarithm
     """
 
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings | None = None) -> None:
@@ -120,6 +122,7 @@ class FailureDetector:
         self.since: list[int | None] = [None] * n
         self.evidence = [''] * n
         self.suspect: int | None = None
+        self.margin = 0.0
         self._slow.reset()
         self._refined: dict[int, float] = {}
         self._arms: dict[tuple[int, int], int] = {}
@@ -314,6 +317,7 @@ class FailureDetector:
         changed = self._refine(found, recent)
         changed = self._tell_arms(impulses, spread + errors) or changed
         self._waited = self._waited + block if suspected else 0.0
+        self.margin = float(found.evidence[found.rotor]) - found.disturbance
         self.suspect = found.rotor if found.evidence[found.rotor] > LIMIT else None
         self._learn(spread, moving, given)
         self._probabilities = found.probabilities

@@ -1,0 +1,207 @@
+"""A recorded flight through the detector: what it would have named, and when."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.failure_detector import FailureDetector
+from ca_ros.detection.motor_model import CommandedRotors
+from ca_ros.settings import ParameterError
+from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.formats.recording import Recording
+from ca_ros.vehicle.state import cross, rotation_matrix
+from ca_ros.vehicle.vehicle import Vehicle, inertia_of
+
+LAUNCH = 2.0  # after the ground [s]
+WAIT = 2.0  # in which an injected loss is to be named [s]
+LEVELLING = 0.3  # rate at which the accelerometer levels an attitude that is not recorded [1/s]
+LEAK = 0.5  # rate at which a velocity that is not recorded is forgotten [1/s]
+
+
+@dataclass(frozen=True, eq=False)
+class Naming:
+    """What the detector names.
+
+    - `time`: since the beginning of the recording [s]
+    - `rotors`: counted from 0
+    - `health`: what each is left
+    - `margin`: lead of the evidence over that of a disturbance, a natural logarithm
+    - `phase`: 'launch', within `LAUNCH` s after the ground, or 'flight'
+    """
+
+    time: float
+    rotors: tuple[int, ...]
+    health: tuple[float, ...]
+    margin: float
+    phase: str
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A replayed flight: `times` (K,) [s], `probabilities` (K, n + 1), and what was named.
+
+    - `notes`: what is not recorded, and what took its place
+    - `in_air`: time off the ground [s]
+    """
+
+    times: Array
+    probabilities: Array
+    named: list[Naming]
+    notes: list[str]
+    in_air: float
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The motion of a recording at the times (K,) of the gyro [s].
+
+    - `attitude` (K, 4), `velocity`, `gyro` (K, 3): as of `Recording`
+    - `force` (K, 3): specific force [m/s^2], if it is recorded
+    """
+
+    times: Array
+    attitude: Array
+    velocity: Array
+    gyro: Array
+    force: Array | None
+    notes: list[str]
+
+
+def motion_of(vehicle: Vehicle, recording: Recording) -> Motion:
+    """Return the motion of a recording; what is missing is computed from the rest.
+
+    Raises a ParameterError if neither velocity nor specific force is recorded.
+    """
+    start, end = recording.span
+    times = recording.times['gyro']
+    times = times[(times >= start) & (times <= end)]
+    gyro, force, velocity, attitude = (
+        _held(recording, name, times) for name in ('gyro', 'acc', 'velocity', 'attitude'))
+    notes: list[str] = []
+    assert gyro is not None
+    if force is None and velocity is None:
+        raise ParameterError(f'{recording.name}: expected a velocity, or a specific force')
+    if force is None:
+        notes.append('no specific force: the change of velocity takes its place')
+    if attitude is None:
+        if force is None:
+            raise ParameterError(f'{recording.name}: expected an attitude, or a specific force')
+        notes.append('no attitude: gyro and accelerometer give it')
+        attitude = _levelled(times, gyro, force)
+    if velocity is None:
+        assert force is not None
+        notes.append('no velocity: the accelerometer gives its changes')
+        velocity = _integrated(times, attitude, force, vehicle.gravity)
+    return Motion(times, attitude, velocity, gyro, force, notes)
+
+
+def _held(recording: Recording, name: str, times: Array) -> Array | None:
+    """Return the last values of a stream at some times."""
+    if name not in recording.values:
+        return None
+    at = np.searchsorted(recording.times[name], times + 1e-9, side='right') - 1
+    return np.asarray(recording.values[name][np.maximum(at, 0)])
+
+
+def _levelled(times: Array, gyro: Array, force: Array) -> Array:
+    """Return attitudes (K, 4) that follow the gyro, and in the mean the specific force."""
+    q, found = np.array([0.0, 0.0, 0.0, 1.0]), np.empty((len(times), 4))
+    for i, (omega, f) in enumerate(zip(gyro, force, strict=True)):
+        step = times[i] - times[i - 1] if i else 0.0
+        up = rotation_matrix(q)[2]
+        omega = omega + LEVELLING * cross(f / max(float(np.linalg.norm(f)), 1e-9), up)
+        x, y, z = 0.5 * step * omega
+        turned = np.array([
+            q[0] + q[3] * x + q[1] * z - q[2] * y, q[1] + q[3] * y + q[2] * x - q[0] * z,
+            q[2] + q[3] * z + q[0] * y - q[1] * x, q[3] - q[0] * x - q[1] * y - q[2] * z])
+        q = turned / np.linalg.norm(turned)
+        found[i] = q
+    return found
+
+
+def _integrated(times: Array, attitude: Array, force: Array, gravity: float) -> Array:
+    """Return velocities (K, 3) in the body frame, of which constant parts are forgotten."""
+    velocity, found = np.zeros(3), np.empty((len(times), 3))
+    for i, (q, f) in enumerate(zip(attitude, force, strict=True)):
+        step = times[i] - times[i - 1] if i else 0.0
+        turn = rotation_matrix(q)
+        acceleration = turn @ f - [0.0, 0.0, gravity]
+        velocity = velocity + step * (acceleration - LEAK * velocity)
+        found[i] = turn.T @ velocity
+    return found
+
+
+def replay(
+    vehicle: Vehicle, recording: Recording, settings: DetectorSettings,
+    motion: Motion | None = None,
+) -> Replay:
+    """Replay a recording, whose commands are rotor speeds [rad/s]; after a name, reset.
+
+    `motion`: by default `motion_of` the recording.
+    """
+    motion = motion_of(vehicle, recording) if motion is None else motion
+    detector = FailureDetector(vehicle, settings)
+    sent, commands = recording.times['command'], recording.values['command']
+    begin, next_command = motion.times[0], 0
+    probabilities = np.zeros((len(motion.times), vehicle.n + 1))
+    named: list[Naming] = []
+    in_air, off_ground = 0.0, 0.0
+    for i, now in enumerate(motion.times):
+        time = round(1e9 * (now - begin))
+        force = None if motion.force is None else motion.force[i]
+        changed = detector.observe(
+            time, motion.attitude[i], motion.velocity[i], motion.gyro[i], force)
+        while next_command < len(sent) and sent[next_command] <= now:
+            detector.command(round(1e9 * (sent[next_command] - begin)), commands[next_command])
+            next_command += 1
+        step = now - motion.times[i - 1] if i else 0.0
+        off_ground = 0.0 if detector.standing else off_ground + step
+        in_air += step * (not detector.standing)
+        probabilities[i] = detector.probabilities
+        lost = np.flatnonzero(detector.health < vehicle.health)
+        if changed and len(lost):
+            named.append(Naming(
+                float(now - begin), tuple(lost.tolist()), tuple(detector.health[lost].tolist()),
+                detector.margin, 'launch' if off_ground < LAUNCH else 'flight'))
+            detector.reset()
+    return Replay(motion.times - begin, probabilities, named, motion.notes, in_air)
+
+
+def without_rotor(
+    vehicle: Vehicle, recording: Recording, settings: DetectorSettings, motion: Motion,
+    rotor: int, time: float,
+) -> Motion:
+    """Return a motion from which a rotor is taken at a time [s], until `WAIT` s later.
+
+    What the rotor would have given since then, by its commands, is taken from velocity, gyro and
+    specific force.  The controller does not react, so this is true for a short time only.
+    """
+    rotors = CommandedRotors(vehicle, settings)
+    begin = motion.times[0]
+    for sent, command in zip(recording.times['command'], recording.values['command'], strict=True):
+        rotors.command(round(1e9 * (sent - begin)), rotors.bounds.followed(command))
+    column = rotor_wrenches(vehicle)[:, rotor]
+    turn_rate = np.linalg.solve(inertia_of(vehicle), column[3:])
+    kept = motion.times <= begin + time + WAIT
+    velocity, gyro = motion.velocity[kept].copy(), motion.gyro[kept].copy()
+    force = None if motion.force is None else motion.force[kept].copy()
+    moved, turned = np.zeros(3), np.zeros(3)
+    for i, now in enumerate(motion.times[kept]):
+        last = motion.times[i - 1] if i else now
+        if now <= last:
+            continue
+        ends = [round(1e9 * (each - begin)) for each in (last, now)]
+        thrust = rotors.thrusts(*ends)[rotor]
+        if now - begin < time:
+            continue
+        turn = rotation_matrix(motion.attitude[i])
+        moved = moved + (now - last) * thrust / vehicle.mass * (turn @ column[:3])
+        turned = turned + (now - last) * thrust * turn_rate
+        velocity[i] -= turn.T @ moved
+        gyro[i] -= turned
+        if force is not None:
+            force[i] -= thrust / vehicle.mass * column[:3]
+    return Motion(
+        motion.times[kept], motion.attitude[kept], velocity, gyro, force, motion.notes)

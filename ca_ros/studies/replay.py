@@ -1,0 +1,116 @@
+"""``ca_ros replay``: what the detector would have named in a recorded flight."""
+
+import argparse
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ca_ros.arguments import command
+from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.replay import WAIT, Replay, motion_of, replay, without_rotor
+from ca_ros.settings import ParameterError, read
+from ca_ros.vehicle.files import read as read_file
+from ca_ros.vehicle.formats.recording import read_recording
+from ca_ros.vehicle.vehicle import Vehicle
+
+MINUTE = 60.0  # of the picture [s]
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    add = parser.add_argument
+    add('flight', type=Path, metavar='FLIGHT', help='CSV, npz or ULog: see docs/identify.md')
+    add('vehicle', help='a shipped vehicle or a parameter file, with the settings detector.*')
+    add('--throttle', choices=['linear', 'quadratic', 'curve'], help='commands are throttles from '
+        '0 to 1; the thrust is linear in them, or quadratic, or as in rotors.thrust_curve')
+    add('--frame', choices=['flu', 'frd'], default='flu', help='of gyro and accelerometer: '
+        'forward-left-up or forward-right-down')
+    add('--inject', action='append', default=[], metavar='ROTOR@T', help='take a rotor from the '
+        'recorded motion at a time [s] since its beginning; may be given several times')
+    add('--figure', type=Path, metavar='FILE', help='draw the first minute, or that of the first '
+        'name')
+
+
+def run(options: argparse.Namespace) -> None:
+    """Replay and print."""
+    # SciPy's signal processing takes a second to import.
+    from ca_ros.vehicle.identification import speeds_of
+
+    vehicle = Vehicle.load(options.vehicle)
+    given = read_file(options.vehicle)
+    ours = {name: value for name, value in given.items() if name.startswith('detector.')}
+    settings = read(DetectorSettings, ours, 'detector.')
+    losses = [_loss(text, vehicle.n) for text in options.inject]
+    recording = speeds_of(
+        vehicle, read_recording(options.flight, vehicle.n, options.frame), options.throttle)
+    motion = motion_of(vehicle, recording)
+    found = replay(vehicle, recording, settings, motion)
+    print('\n'.join(report(recording.name, found)))
+    for rotor, time in losses:
+        lost = without_rotor(vehicle, recording, settings, motion, rotor, time)
+        print(_answer(rotor, time, replay(vehicle, recording, settings, lost)))
+    if options.figure is not None:
+        _draw(found, options.figure)
+        print(f'written: {options.figure}')
+
+
+def _loss(text: str, rotors: int) -> tuple[int, float]:
+    """Return the rotor, from 0, and the time of ROTOR@T."""
+    rotor, _, time = text.partition('@')
+    try:
+        number, at = int(rotor), float(time)
+    except ValueError:
+        number, at = 0, 0.0
+    if not (1 <= number <= rotors and 0.0 <= at < np.inf):
+        raise ParameterError(
+            f'--inject {text}: expected ROTOR@T, such as 1@20.5, with a rotor from 1 to {rotors}')
+    return number - 1, at
+
+
+def report(name: str, found: Replay) -> list[str]:
+    """Return what was named, one a line, and how long the vehicle was in the air."""
+    lines = [f'{name}: {found.times[-1]:.1f} s, {found.in_air:.1f} s in the air']
+    lines += [f'    {note}' for note in found.notes]
+    if not found.named:
+        return [*lines, 'nothing is named']
+    lines.append('time [s]  phase   rotors    health      margin over a disturbance')
+    for each in found.named:
+        rotors = ', '.join(str(i + 1) for i in each.rotors)
+        health = ', '.join(f'{share:.2f}' for share in each.health)
+        lines.append(
+            f'{each.time:8.2f}  {each.phase:6s}  {rotors:8s}  {health:10s}  {each.margin:.1f}')
+    return lines
+
+
+def _answer(rotor: int, time: float, found: Replay) -> str:
+    """Return in words what is named of an injected loss."""
+    what = f'rotor {rotor + 1} taken at {time:g} s'
+    after = [each for each in found.named if each.time >= time]
+    if not after:
+        return f'{what}: not named within {WAIT:g} s'
+    names = ', '.join(str(i + 1) for i in after[0].rotors)
+    return f'{what}: rotor {names} named after {1e3 * (after[0].time - time):.0f} ms'
+
+
+def _draw(found: Replay, file: Path) -> None:
+    """Draw the probabilities of a minute."""
+    from matplotlib.figure import Figure
+
+    start = max(0.0, found.named[0].time - 0.5 * MINUTE) if found.named else 0.0
+    shown = (found.times >= start) & (found.times <= start + MINUTE)
+    figure: Any = Figure(figsize=(7.0, 3.0), layout='constrained')
+    axes = figure.subplots()
+    for i, each in enumerate(found.probabilities[shown].T[:-1]):
+        axes.plot(found.times[shown], each, label=f'rotor {i + 1}', linewidth=0.8)
+    axes.plot(found.times[shown], found.probabilities[shown, -1], 'k:', label='disturbance')
+    for each in found.named:
+        if start <= each.time <= start + MINUTE:
+            axes.axvline(each.time, color='k', linewidth=0.5)
+    axes.set(xlabel='time [s]', ylabel='probability', ylim=(0.0, 1.05))
+    axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))
+    figure.savefig(file)
+
+
+main = partial(command, 'replay', add_options, run)

@@ -1,0 +1,105 @@
+"""Recorded flights through the detector: names, injected losses, and what is not recorded."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ca_ros import Vehicle
+from ca_ros.__main__ import main
+from ca_ros.control.waypoint import Waypoint
+from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.replay import motion_of, replay, without_rotor
+from ca_ros.simulation.closed_loop import Change, fly
+from ca_ros.studies.cases import Case
+from ca_ros.vehicle.formats.recording import Recording
+from ca_ros.vehicle.state import rotation_matrix
+
+UP = Waypoint.of(0.0, 0.0, 1.0, 0.0)
+SETTINGS = DetectorSettings(motor_time_constant=0.05, delay=0.01)
+
+
+@cache
+def recorded(lost=None):
+    """Return a flight of 5 s; a rotor may be lost at 4 s, which nobody is told."""
+    case = Case.load('hexarotor_realistic')
+    changes = [Change(2_500_000_000, waypoint=Waypoint.of(2.0, 1.0, 2.0, 1.0))]
+    if lost is not None:
+        health = np.where(np.arange(6) == lost, 0.0, 1.0)
+        changes.append(Change(4_000_000_000, body=case.body(health)))
+    flight = fly(
+        case.controller(), case.allocator('exact'), case.plant(), UP, 5.0, changes=changes)
+    turns = np.array([rotation_matrix(q) for q in flight.attitude])
+    world = np.einsum('kij,kj->ki', turns, flight.velocity)
+    gained = np.diff(world, axis=0, prepend=world[:1]) / 0.01 + [0.0, 0.0, 9.81]
+    values = {
+        'command': flight.speeds, 'gyro': flight.angular_velocity, 'attitude': flight.attitude,
+        'velocity': flight.velocity, 'acc': np.einsum('kji,kj->ki', turns, gained)}
+    return case.vehicle, Recording(dict.fromkeys(values, flight.time), values, 'flight'), flight
+
+
+def without(recording, *names):
+    return Recording(
+        {name: each for name, each in recording.times.items() if name not in names},
+        {name: each for name, each in recording.values.items() if name not in names}, 'flight')
+
+
+@pytest.mark.parametrize('missing', [('acc',), ('velocity',), ('attitude', 'velocity')])
+def test_a_recorded_loss_is_named(missing):
+    vehicle, recording, _ = recorded(2)
+    found = replay(vehicle, without(recording, *missing), SETTINGS)
+    first = found.named[0]
+    assert first.rotors == (2,)
+    assert 4.0 < first.time < 4.4
+    assert first.phase == 'flight'
+    assert first.margin > 4.0
+    assert len(found.notes) == len(missing)
+
+
+def test_nothing_is_named_in_a_sound_flight_and_an_injected_loss_is():
+    vehicle, recording, _ = recorded()
+    recording = without(recording, 'acc')
+    assert replay(vehicle, recording, SETTINGS).named == []
+    motion = motion_of(vehicle, recording)
+    for rotor in range(6):
+        lost = without_rotor(vehicle, recording, SETTINGS, motion, rotor, 3.5)
+        first = replay(vehicle, recording, SETTINGS, lost).named[0]
+        assert first.rotors == (rotor,)
+        assert 3.5 < first.time < 3.7
+
+
+def test_an_injected_loss_moves_the_vehicle_as_a_real_one():
+    vehicle, recording, _ = recorded()
+    _, lost, _ = recorded(2)
+    motion = without_rotor(
+        vehicle, recording, SETTINGS, motion_of(vehicle, recording), 2, 4.0)
+    # Until the controller reacts; gusts are the same.
+    after = np.searchsorted(motion.times, 4.06)
+    np.testing.assert_allclose(
+        motion.gyro[after], lost.values['gyro'][after], rtol=0.3, atol=0.1)
+    assert abs(lost.values['gyro'][after] - recording.values['gyro'][after]).max() > 1.5
+
+
+def test_the_command_reads_a_flight_and_the_settings_of_the_vehicle(tmp_path, capsys):
+    file = tmp_path / 'flight.csv'
+    recorded(2)[2].write_csv(file)
+    figure = tmp_path / 'minute.png'
+    words = [str(file), 'hexarotor_realistic', '--inject', '5@3.5', '--figure', str(figure)]
+    assert main(['replay', *words]) == 0
+    out = capsys.readouterr().out
+    assert 'no specific force' in out
+    assert 'rotor 5 taken at 3.5 s: rotor 5 named after' in out
+    assert any(line.split()[1:3] == ['flight', '3'] for line in out.splitlines() if '.' in line)
+    assert figure.stat().st_size > 1000
+    for text in ('7@1', '0@1', '1', '1@x', '1@-1'):
+        assert main(['replay', *words[:2], '--inject', text]) == 1
+        assert f'--inject {text}: expected ROTOR@T' in capsys.readouterr().err
+
+
+def test_what_cannot_be_replayed_is_refused(tmp_path, capsys):
+    vehicle = Vehicle.load('hexarotor')
+    time = np.linspace(0.0, 3.0, 301)
+    np.savez(tmp_path / 'flight.npz', t=time, command=np.full((301, vehicle.n), 250.0),
+             gyro=np.zeros((301, 3)))
+    assert main(['replay', str(tmp_path / 'flight.npz'), 'hexarotor']) == 1
+    assert 'expected a velocity, or a specific force' in capsys.readouterr().err
