@@ -663,7 +663,7 @@ def density(rest, variance):
 def test_the_evidence_is_a_ratio_of_gaussian_densities():
     find = HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR))
     age, lacked, given, _, (variance,) = windows(np.random.default_rng(0), lost=0.6)
-    lateral = np.array([[0.004, -0.002]])
+    lateral = np.array([[0.024, -0.012]])
     found = find(age, lacked, given, lateral, variance[None], np.ones(6))
     nothing = density(lacked[0], variance)
     levers = np.array([1.0, 1.0, 1.0, 0.4, 0.4, np.hypot(0.04, 0.04)])
@@ -671,7 +671,7 @@ def test_the_evidence_is_a_ratio_of_gaussian_densities():
     np.testing.assert_allclose(
         found.disturbance, density(lacked[0], wide) - nothing, rtol=1e-9)
     # Rotor 3 with its share of the drag, a force at its place.
-    force = np.append(lateral[0], 0.0)
+    force = np.append(lateral[0] / 6.0, 0.0)
     drag = np.concatenate([force, np.cross(HEXAROTOR.arms[2], force)])
     signature = given[0, :, 2] + drag
     error = (0.16 * 0.16 * np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.04])) ** 2 + (0.5 * drag) ** 2

@@ -246,7 +246,7 @@ class FailureDetector:
             observer.expect(turned.dot(wrench), mean[3:])
             # What holds a vehicle that does not move may be the ground, which is not learnt.
             moving = any(map(gt, abs(mean).tolist(), self._moving))
-            observer.gain = usual.gain if moving and not self._suspicious else 0.0
+            observer.gain = usual.gain() if moving and not self._suspicious else 0.0
             if force is not None:
                 impulse = self._impulse((time - last) / 1e9, turned, motion, mean[3:], force)
         observer.observe(time, turn.dot(motion), impulse)
@@ -262,7 +262,7 @@ class FailureDetector:
             return False
         usual.fly(step, own)
         lacked = observer.lacked.dot(turned)
-        lateral = (observer.estimate.dot(turned) + drag)[:2] / self.vehicle.n
+        lateral = (observer.estimate.dot(turned) + drag)[:2]
         added = self._windows.add(step, lacked, lateral, given)
         return added and self._test(time, moving, own)
 
@@ -397,7 +397,7 @@ class FailureDetector:
             (first + len(planar) + planar.index(rotor), -sin(angle)),
         ):
             lost = share * self._delivered[rotor]
-            self._windows.explain(lost * self._windows.column(column))
+            self._windows.explain(lost * self._windows.blocks[:, :, column])
         self._rotors.vehicle = self._rotors.vehicle.with_stuck_servo(rotor + 1, angle)
         without = np.where(np.arange(first) == rotor, 0.0, self.health)
         self._stuck[rotor] = audit(self.vehicle.with_health(without)).sound
@@ -407,9 +407,9 @@ class FailureDetector:
         whole = self.vehicle.health[rotor]
         left = min(max(self._delivered[rotor] - share, 0.0), whole)
         left = 0.0 if left < USELESS * whole else left
-        given, laterals = self._windows.column(rotor), self._windows.laterals
-        signature = given + self._find.drags(laterals)[:, :, rotor]
-        self._windows.explain((self._delivered[rotor] - left) * signature)
+        given = self._windows.blocks[:, :, : self.vehicle.n]
+        signature = given + self._find.drags(given, self._windows.laterals)
+        self._windows.explain((self._delivered[rotor] - left) * signature[:, :, rotor])
         self._delivered[rotor] = left
 
     def _refine(self, found: Finding, recent: list[int]) -> bool:

@@ -72,6 +72,7 @@ def stuck_servos(
 
 
 LEAST_LOSS = 0.4  # least share of its thrust that a rotor loses in a failure
+ASKED = 0.5  # least thrust of a rotor that is named, as commanded, over that of hover
 THRUST_ERROR = 0.1  # relative standard deviation of the thrust of each rotor
 DRAG_ERROR = 0.5  # relative standard deviation of the drag of each rotor
 
@@ -203,19 +204,23 @@ class HypothesisTest:
         """Return what the sound rotors give in each window, and its variance, both (T, 6, n).
 
         - `given` (T, 6, n): by their thrusts [N s, N m s]
-        - `lateral` (T, 2): share of a rotor in the drag along x and y [N s]
+        - `lateral` (T, 2): the drag along x and y [N s]
         """
-        drag = self.drags(lateral)
+        drag = self.drags(given, lateral)
         thrusts = THRUST_ERROR**2 * (given[:, :3] ** 2).sum(axis=1)
         error = thrusts[:, None, :] * self.unit[:, None] + DRAG_ERROR**2 * drag**2
         return given + drag, error
 
-    def drags(self, lateral: Array) -> Array:
-        """Return what the drag of each rotor gives (T, 6, n) [N s, N m s]; see `signatures`."""
-        arms, (x, y) = self._arms, lateral.T[:, :, None]
+    def drags(self, given: Array, lateral: Array) -> Array:
+        """Return what the drag of each rotor gives (T, 6, n) [N s, N m s]; see `signatures`.
+
+        Drag goes with the speed of a rotor, here with its thrust.
+        """
+        thrusts, arms = np.linalg.norm(given[:, :3], axis=1), self._arms
+        parts = thrusts / np.maximum(thrusts.sum(axis=1), 1e-9)[:, None]
+        x, y = lateral.T[:, :, None] * parts
         rows = [x, y, 0.0 * x, -arms[2] * y, arms[2] * x, arms[0] * y - arms[1] * x]
-        shape = len(lateral), arms.shape[1]
-        return np.stack([np.broadcast_to(row, shape) for row in rows], axis=1)
+        return np.stack(rows, axis=1)
 
     def __call__(
         self, ages: Array, lacked: Array, given: Array, lateral: Array, variance: Array,
@@ -232,7 +237,8 @@ class HypothesisTest:
         """
         held = np.isin(np.arange(len(health)), arms)
         n, everything = len(health), given
-        given, error = self.signatures(given[:, :, :n], lateral)
+        own, least = given[:, :, :n], ASKED * ages * self.disturbance[0] ** 0.5
+        given, error = self.signatures(own, lateral)
         squares = lacked**2
         disturbed = variance + ages[:, None] ** 2 * self.disturbance
         seen = (squares / variance).sum(axis=1)
@@ -281,7 +287,9 @@ class HypothesisTest:
                 likely = each[:, rotor] >= best - NEAR * best**0.5
                 window = int(np.where(likely, shares[:, rotor], -1.0).argmax())
                 share = shares[window, rotor]
-                if leads and share >= LEAST_LOSS * health[rotor] and not held[rotor]:
+                asked = float(np.linalg.norm(own[window, :3, rotor]))
+                clear = share >= LEAST_LOSS * health[rotor] and asked >= least[window]
+                if leads and clear and not held[rotor]:
                     named, lost = (rotor,), np.array([share])
                     if partner is not None and best - evidence[partner] <= ODDS:
                         arm, named = True, (min(rotor, partner), max(rotor, partner))

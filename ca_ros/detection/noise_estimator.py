@@ -11,7 +11,7 @@ from ca_ros.detection.windows import BLOCK, WINDOWS, Windows
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 FLOOR = 0.3  # least noise over that of the settings
-LEARNING = 2.0  # time over which noise and disturbances are learnt [s]
+LEARNING = 2.0, 20.0  # times over which the noise is learnt [s]; disturbances over the first
 TIME_ERROR = 0.01  # standard deviation of the lag and the delay [s]
 LEARNT = 0.95  # time after which it learns again, over the shortest window
 
@@ -20,6 +20,9 @@ class UsualMotion:
     """Learns the mean wrenches of the rotors, the drag along and about each axis, and the noise.
 
     It learns once in the time of the shortest window.
+
+    The noise is the greater one of what was seen in a short and in a long time: after a quiet time
+    the next manoeuvre may be as rough as those before.
 
     - `noise` (6,): variance of an impulse by the noise of the settings
     - `flown`: time since the flight began [s]
@@ -36,7 +39,7 @@ class UsualMotion:
 
     def reset(self) -> None:
         """Forget the drag and the noise."""
-        self._spread = np.tile(self.noise, (len(WINDOWS), 1))
+        self._spreads = np.tile(self.noise, (len(LEARNING), len(WINDOWS), 1))
         self._drag = np.zeros(6)
         self._means, self._products = np.zeros((2, 6)), np.zeros((2, 6))
 
@@ -44,10 +47,9 @@ class UsualMotion:
         """Begin a flight."""
         self.flown, self._since, self._given = 0.0, 0.0, np.zeros((6, self._n))
 
-    @property
-    def gain(self) -> float:
-        """The rate of learning [1/s]: greater in the beginning of a flight."""
-        return 1.0 / min(LEARNING, self.flown + 0.05)
+    def gain(self, time: float = LEARNING[0]) -> float:
+        """Return the rate of learning over a time [1/s]: greater in the beginning of a flight."""
+        return 1.0 / min(time, self.flown + 0.05)
 
     def spread(self, ages: Array, measured: bool) -> Array:
         """Return the variance (T, 6) of what windows of some ages (T,) lack, by noise.
@@ -57,7 +59,7 @@ class UsualMotion:
         least = np.tile(self.noise, (len(ages), 1))
         if measured:
             least[:, :3] = self.force_noise * ages[:, None]
-        return np.asarray(np.maximum(self._spread, FLOOR**2 * least))
+        return np.asarray(np.maximum(self._spreads.max(axis=0), FLOOR**2 * least))
 
     def drag(self, motion: Array) -> Array:
         """Return the drag (6,) [N, N m] of a motion (6,), beyond that of the mean motion."""
@@ -90,13 +92,14 @@ class UsualMotion:
         - `given` (6, n): what the rotors give now [N, N m]
         """
         age = windows.ages[0]
-        share = -expm1(-age * self.gain)
         squares = np.minimum(windows.lacked**2, 9.0 * spread)
-        self._spread = self._spread + share * (squares - self._spread)
+        shares = np.array([-expm1(-age * self.gain(time)) for time in LEARNING])
+        self._spreads = self._spreads + shares[:, None, None] * (squares - self._spreads)
+        share = shares[0]
         if motion is not None:
             self._given = self._given + share * (given - self._given)
             lacked = windows.lacked[0] / age + steady + self.drag(motion)
-            share = -expm1(-age / min(2.5 * LEARNING, self.flown))
+            share = -expm1(-age / min(2.5 * LEARNING[0], self.flown))
             moved = np.array([lacked, motion]) - self._means
             self._means = self._means + share * moved
             self._products = self._products + share * (moved * moved[1] - self._products)

@@ -19,7 +19,7 @@ class Windows:
     - `block`: length of the last block [s]
     - `ages` (T,): length of each window [s]
     - `lacked` (T, 6): the unexplained impulse [N s, N m s]
-    - `lateral` (T, 2): impulse of a rotor's share in the drag along x and y [N s]
+    - `lateral` (T, 2): impulse of the drag along x and y [N s]
     """
 
     def __init__(self, n: int) -> None:
@@ -34,7 +34,7 @@ class Windows:
         """Take a step [s]; return whether it ends a block.
 
         - `lacked` (6,): the unexplained impulse [N s, N m s]
-        - `lateral` (2,): a rotor's share in the drag along x and y [N]
+        - `lateral` (2,): the drag along x and y [N]
         - `given` (6, n): what the rotors gave [N, N m]
         """
         self._row[0] += step
@@ -75,14 +75,15 @@ class Windows:
         kept = 0 if before is None else self._blocks[before]
         self._rows[kept:] = self._row[:] = 0.0
 
-    def column(self, column: int) -> Array:
-        """Return what a column of rotors gave in each block (L, 6) [N s, N m s]."""
+    @property
+    def blocks(self) -> Array:
+        """What the rotors gave in each block (L, 6, n) [N s, N m s]."""
         n = self._given.shape[1]
-        return self._rows[:, ROTORS + column : ROTORS + 6 * n : n]
+        return self._rows[:, ROTORS : ROTORS + 6 * n].reshape(LENGTH, 6, n)
 
     @property
     def laterals(self) -> Array:
-        """The impulse of a rotor's share in the drag in each block (L, 2) [N s]."""
+        """The impulse of the drag in each block (L, 2) [N s]."""
         return self._rows[:, 7:ROTORS]
 
     def explain(self, given: Array) -> None:

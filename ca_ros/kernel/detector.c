@@ -18,6 +18,7 @@
 #define OUTLIER CA_REAL(9.0)
 #define LEARNT CA_REAL(0.95)
 #define LEAST_LOSS CA_REAL(0.4)
+#define ASKED CA_REAL(0.5)
 #define THRUST_ERROR CA_REAL(0.1)
 #define TIME_ERROR CA_REAL(0.01)
 #define DRAG_ERROR CA_REAL(0.5)
@@ -29,6 +30,7 @@
 #define PAIRED CA_REAL(0.1)
 #define NEAR CA_REAL(2.83)
 #define LEARNING CA_REAL(2.0)
+#define LONG_LEARNING CA_REAL(20.0)
 #define RESTART INT64_C(2000000000)
 #define GAP INT64_C(500000000)
 #define MOST 2
@@ -302,7 +304,9 @@ static void signature_of(const ca_detector_model *model, const ca_block *window,
                          ca_real *given, ca_real *error)
 {
     const ca_real thrust = window->given[rotor], relative = THRUST_ERROR * thrust;
-    const ca_real x = window->lateral[0], y = window->lateral[1];
+    /* Drag goes with the speed of a rotor, here with its thrust. */
+    const ca_real part = ca_abs(thrust) / ca_max(window->total, CA_REAL(1e-9));
+    const ca_real x = part * window->lateral[0], y = part * window->lateral[1];
     const ca_real drag[6] = {x,
                              y,
                              0,
@@ -469,6 +473,9 @@ static void test(const ca_detector *detector, const ca_block *windows,
             return;
     if (share < LEAST_LOSS * detector->health[rotor] || detector->arm[rotor])
         return;
+    const ca_real asked = windows[found->window].given[rotor] / windows[found->window].length;
+    if (asked * asked < ASKED * ASKED * model->disturbance[0])
+        return;
     const int partner = partner_of(model, rotor);
     found->arm = partner >= 0 && best - found->evidence[partner] <= ODDS;
     found->names = 1 + found->arm;
@@ -503,11 +510,11 @@ static int suspicious(const ca_detector *detector)
 }
 
 /* A rate of learning: greater in the beginning of a flight. */
-static ca_real learning_gain(const ca_detector *detector)
+static ca_real learning_gain(const ca_detector *detector, ca_real time)
 {
     if (suspicious(detector))
         return 0;
-    return 1 / ca_min(LEARNING, detector->flown + CA_REAL(0.05));
+    return 1 / ca_min(time, detector->flown + CA_REAL(0.05));
 }
 
 /* Begin a flight: the windows reach back to now. */
@@ -616,7 +623,7 @@ static void learn_motion(ca_detector *detector, const ca_block *window, const ca
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
-    const ca_real quick = settled(window->length * learning_gain(detector));
+    const ca_real quick = settled(window->length * learning_gain(detector, LEARNING));
     for (int i = 0; i < n; i++)
         detector->mean_thrusts[i] += quick * (thrusts[i] - detector->mean_thrusts[i]);
     const ca_real share =
@@ -654,13 +661,16 @@ static void learn(ca_detector *detector, ca_real block, ca_real spread[CA_WINDOW
     ca_copy(6, detector->motion, detector->learnt);
     if (suspicious(detector))
         return;
-    const ca_real share = settled(windows->length * learning_gain(detector));
-    for (int t = 0; t < CA_WINDOWS; t++)
-        for (int k = 0; k < 6; k++) {
-            const ca_real square = windows[t].impulse[k] * windows[t].impulse[k];
-            ca_real *variance = &detector->variance[t][k];
-            *variance += share * (ca_min(square, OUTLIER * spread[t][k]) - *variance);
-        }
+    for (int h = 0; h < 2; h++) {
+        const ca_real share =
+            settled(windows->length * learning_gain(detector, h ? LONG_LEARNING : LEARNING));
+        for (int t = 0; t < CA_WINDOWS; t++)
+            for (int k = 0; k < 6; k++) {
+                const ca_real square = windows[t].impulse[k] * windows[t].impulse[k];
+                ca_real *variance = &detector->variance[h][t][k];
+                *variance += share * (ca_min(square, OUTLIER * spread[t][k]) - *variance);
+            }
+    }
     if (moving)
         learn_motion(detector, windows, mean, thrusts);
 }
@@ -694,6 +704,7 @@ static void sum_windows(ca_detector *detector, ca_block *windows)
                 sum.impulse[k] += block->impulse[k];
             for (int k = 0; k < 2; k++)
                 sum.lateral[k] += block->lateral[k];
+            sum.total += block->total;
             for (int i = 0; i < n; i++) {
                 sum.given[i] += block->given[i];
                 sum.change[i] += block->change[i];
@@ -798,7 +809,9 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
             const ca_real noise = k < 3 && detector->measures_force
                                       ? model->force_noise * windows[t].length
                                       : model->noise[k];
-            spread[t][k] = ca_max(detector->variance[t][k], FLOOR * noise);
+            const ca_real learnt =
+                ca_max(detector->variance[0][t][k], detector->variance[1][t][k]);
+            spread[t][k] = ca_max(learnt, FLOOR * noise);
             variance[t][k] = spread[t][k];
             sum += impulse * impulse / spread[t][k];
         }
@@ -867,7 +880,8 @@ void ca_detector_reset(ca_detector *detector)
     detector->probabilities[ROTORS(model)] = 0;
     detector->suspect = -1;
     for (int t = 0; t < CA_WINDOWS; t++)
-        ca_copy(6, model->noise, detector->variance[t]);
+        for (int h = 0; h < 2; h++)
+            ca_copy(6, model->noise, detector->variance[h][t]);
     memset(detector->drag, 0, sizeof detector->drag);
     memset(detector->moments, 0, sizeof detector->moments);
     begin(detector);
@@ -1043,7 +1057,7 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
                     turned[k][j] = CA_REAL(0.5) * (detector->rotation[k][j] + rotation[k][j]);
             expect(detector, (const ca_real(*)[3])turned, thrusts, mean + 3, drag);
             /* What holds a vehicle that does not move may be the ground, which is not learnt. */
-            gain = moving ? learning_gain(detector) : 0;
+            gain = moving ? learning_gain(detector, LEARNING) : 0;
         }
         ca_real gained[6];
         for (int k = 0; k < 6; k++)
@@ -1077,13 +1091,15 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
     detector->sums.length += step;
     for (int k = 0; k < 6; k++)
         detector->sums.impulse[k] += detector->lacked[k];
-    /* The share of each rotor in the drag across its axis. */
+    /* The drag across the axes of the rotors. */
     ca_real steady[6];
     ca_copy(6, detector->estimate, steady);
     rotate_back((const ca_real(*)[3])turned, steady);
     for (int k = 0; k < 2; k++)
-        detector->sums.lateral[k] += step * (steady[k] + drag[k]) / (ca_real)n;
-    for (int i = 0; i < n; i++)
+        detector->sums.lateral[k] += step * (steady[k] + drag[k]);
+    for (int i = 0; i < n; i++) {
         detector->sums.given[i] += step * thrusts[i];
+        detector->sums.total += step * ca_abs(thrusts[i]);
+    }
     return detector->sums.length >= BLOCK && test_windows(detector, time, thrusts, moving);
 }

@@ -69,7 +69,8 @@ enum ca_evidence { CA_NONE = 0, CA_MOTION = 1, CA_ROTOR_SPEED = 2 };
 typedef struct {
     ca_real length;        /* [s] */
     ca_real impulse[6];    /* that nothing explains, in the body frame [N s, N m s] */
-    ca_real lateral[2];    /* integral of a rotor's share in the drag along x and y [N s] */
+    ca_real lateral[2];    /* integral of the drag along x and y [N s] */
+    ca_real total;         /* sum of `given`, each positive [N s] */
     ca_real given[CA_N];   /* integral of the thrust of each sound rotor [N s] */
     ca_real change[CA_N];  /* of this thrust [N] */
 } ca_block;
@@ -102,7 +103,7 @@ typedef struct {
     ca_real kept, still, mean_motion[6], lacked[6];
     /* the last state, and what is learnt */
     ca_real rotation[3][3], motion[6];
-    ca_real learnt[6], moments[4][6], drag[6], variance[CA_WINDOWS][6], mean_thrusts[CA_N];
+    ca_real learnt[6], moments[4][6], drag[6], variance[2][CA_WINDOWS][6], mean_thrusts[CA_N];
     /* the test */
     ca_real flown, waited, unlearnt, usual, refined[CA_N];
     int named[2], names, named_arm, count, windows[CA_WINDOWS];
