@@ -72,7 +72,7 @@ def stuck_servos(
 
 
 LEAST_LOSS = 0.4  # least share of its thrust that a rotor loses in a failure
-ASKED = 0.5  # least thrust of a rotor that is named, as commanded, over that of hover
+ASKED = 0.75  # least thrust of a rotor that is named, as commanded, over that of hover
 THRUST_ERROR = 0.1  # relative standard deviation of the thrust of each rotor
 DRAG_ERROR = 0.5  # relative standard deviation of the drag of each rotor
 

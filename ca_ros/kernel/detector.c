@@ -18,7 +18,7 @@
 #define OUTLIER CA_REAL(9.0)
 #define LEARNT CA_REAL(0.95)
 #define LEAST_LOSS CA_REAL(0.4)
-#define ASKED CA_REAL(0.5)
+#define ASKED CA_REAL(0.75)
 #define THRUST_ERROR CA_REAL(0.1)
 #define TIME_ERROR CA_REAL(0.01)
 #define DRAG_ERROR CA_REAL(0.5)
