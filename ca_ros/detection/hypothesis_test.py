@@ -82,7 +82,7 @@ LIMIT = 20.0
 ODDS = 5.3
 """Lead of the evidence over that of each other rotor: the odds of a probability of 0.995."""
 
-TELLING = 8.0
+TELLING = 5.3
 """Evidence for one rotor of a named arm against the other one."""
 
 MARGIN = 4.0

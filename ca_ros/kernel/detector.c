@@ -24,7 +24,7 @@
 #define DRAG_ERROR CA_REAL(0.5)
 #define LIMIT CA_REAL(20.0)
 #define ODDS CA_REAL(5.3)
-#define TELLING CA_REAL(8.0)
+#define TELLING CA_REAL(5.3)
 #define MARGIN CA_REAL(4.0)
 #define PRIOR CA_REAL(6.25)
 #define PAIRED CA_REAL(0.1)
