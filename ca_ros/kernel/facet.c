@@ -14,7 +14,7 @@
 #define NONE CA_CHOOSE(1e-10, 1e-6)
 #define CLEAR CA_CHOOSE(1e-3, 1e-2)
 /* Distance from the plane, as a share of the width of the set, from which on another facet is likely. */
-#define DISTANT CA_REAL(0.03)
+#define DISTANT CA_REAL(0.005)
 #define LAG CA_REAL(CA_LAG)
 #define LAG_RATIO CA_REAL(CA_LAG_RATIO)
 
