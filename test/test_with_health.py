@@ -132,3 +132,49 @@ def test_misuse_is_refused():
         Exact(AllocationProblem([[1.0, 1.0]], 0.0, 1.0)).with_health([1.0, 0.0])
     with pytest.raises(TypeError, match=r"by keyword \(order, .* got 'scale'"):
         Exact(Vehicle.load('hexarotor'), 'scale')
+
+
+@pytest.mark.parametrize('policy', POLICIES)
+@pytest.mark.parametrize('name', VEHICLES)
+def test_a_vehicle_that_recovers_flies_as_before(name, policy):
+    vehicle = Vehicle.load(name)
+    sound = Exact(vehicle, policy=policy)
+    u = sound.problem.hover
+    for share in (0.0, 0.4, 0.6):
+        weak = sound.with_health(share)
+        assert weak.problem.axes == vehicle.axes
+        np.testing.assert_array_equal(
+            weak.with_health(1.0).allocate(u).thrusts, sound.allocate(u).thrusts)
+
+
+def test_answers_after_failures_are_copied_certified_and_explained_as_single_ones():
+    for name in ('hexarotor', 'quadrotor', 'hexarotor_tilted', 'tricopter'):
+        sound = Exact(Vehicle.load(name))
+        n = sound.problem.vehicle.n
+        allocator = sound.with_health(health_without(n, 1))
+        u = sound.problem.hover
+        answer = allocator.allocate(u)
+        assert answer.certificate.kkt_residual < 1e-4
+        assert 'residual' in str(answer.certificate)
+        copied = pickle.loads(pickle.dumps(answer))
+        [one] = allocator.allocate_batch(u[None])
+        [part] = allocator.allocate_batch(u[None])[0:1]
+        for other in (copied, one, part):
+            assert str(other.explanation) == str(answer.explanation)
+            np.testing.assert_array_equal(other.thrusts, answer.thrusts)
+        pickle.loads(pickle.dumps(sound)).allocate(u)
+
+
+def test_a_reference_of_scale_that_is_out_of_reach_gives_way_to_hover():
+    sound = Exact(Vehicle.load('hexarotor'), policy='scale', scale_reference=[9.81, 0, 0, 0])
+    for health in (0.0, 0.4, health_without(6, 1)):
+        sound.with_health(health).allocate([9.81, 0.5, 0.0, 0.0])
+
+
+def test_rates_and_failures_in_either_order():
+    sound = Exact(Vehicle.load('hexarotor'))
+    health, last = health_without(6, 1), np.full(6, 250.0)
+    u = sound.problem.hover
+    one = sound.with_health(health).within_rates(2000.0).allocate(u, last, 0.01)
+    other = sound.within_rates(2000.0).with_health(health).allocate(u, last, 0.01)
+    np.testing.assert_array_equal(one.thrusts, other.thrusts)

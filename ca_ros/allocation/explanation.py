@@ -88,7 +88,8 @@ class Explanation(Limits):
             for axis, words in self.limits.items()
         ]
         rest = 'all other axes are served' if lost else 'all axes are served'
-        parts = parts or [f'{rest}; margin {self.margin:.3g}']
+        margin = f'; margin {self.margin:.3g}' if self.margin >= 0.0 else ''
+        parts = parts or [f'{rest}{margin}']
         return '; '.join([*parts, *(f'{axis} is lost' for axis in lost)])
 
     def _share(self, axis: int) -> str:

@@ -1,5 +1,7 @@
 """OSQP for the quadratic program of the exact allocator, as it is."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any, ClassVar
@@ -36,6 +38,10 @@ class Osqp(Allocator):
                 'osqp: needs the package osqp (pip install osqp); exact solves the same program'
             ) from None
         self._rho = float(self._solver.settings.rho)
+
+    def __reduce__(self) -> tuple[type[Osqp], tuple[object, ...]]:
+        # OSQP's workspace cannot be copied.
+        return type(self), (self.problem, self.settings)
 
     def _allocate(self, u: Array) -> Allocation:
         # OSQP adapts rho and keeps it: the answer would depend on the wrenches before this one.

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator, AtRest
+from ca_ros.allocation.certificate import Certificate
 from ca_ros.allocation.explanation import Explanation
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array
@@ -23,18 +25,64 @@ def allocator_for(kind: type[Allocator], report: Audit, settings: Any) -> Alloca
     problem = report.independent
     if problem.vehicle.powerless:
         # The settings must suit the rotors when they return.
-        kind(accept(problem.vehicle.with_health(1.0), 'drop').independent, settings)
+        kind(accept(report.full.vehicle.with_health(1.0), 'drop').independent, settings)
         return AtRest(problem)
     part, suited = kind.suited(report, settings)
-    method = kind(part, suited)
-    return method if part is problem else Reduced(problem, method, part.axes, settings)
+    if part.axes == problem.axes:
+        return kind(problem, suited)
+    return Reduced(problem, kind(part, suited), part.axes, settings)
 
 
 def after_failures(kind: type[Allocator], report: Audit, settings: Any) -> Allocator:
     """Return the same with all axes of the vehicle; see `Allocator.with_health`."""
     full, method = report.full, allocator_for(kind, report, settings)
-    sound = method.problem.axes == full.axes and not report.lost
-    return method if sound else Failed(report, kind, method, settings)
+    whole = type(method) is kind and method.problem.axes == full.axes and not report.lost
+    return method if whole else Failed(report, kind, method, settings)
+
+
+class WholeAllocation(Allocation):
+    """The answer for all axes of a problem, of a method that has some of them.
+
+    - `part`: the answer of the method, whose certificate this answer has
+    - `maker`: the allocator
+    """
+
+    part: Allocation | None = None
+    maker: Reduced | None = None
+
+    @classmethod
+    def of(cls, maker: Reduced, part: Allocation, demand: Array, status: Status) -> Allocation:
+        """Return the answer of an allocator for a demand (m,)."""
+        made = cls(
+            maker.problem, demand, part.thrusts, status, part.level, part.violation,
+            part.preference, part.bounds, part.by_rate)
+        made.__dict__.update(part=part, maker=maker)
+        return made
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """The certificate of the axes that the method has."""
+        return super().certificate if self.part is None else self.part.certificate
+
+    @cached_property
+    def explanation(self) -> Explanation:
+        """As that of the method, with rows for all axes."""
+        if self.part is None or self.maker is None:
+            return super().explanation
+        return self.maker.explained(self.part, self)
+
+
+class WholeBatch(AllocationBatch):
+    """The same for many demands."""
+
+    part: AllocationBatch | None = None
+    maker: Reduced | None = None
+
+    def __getitem__(self, i: Any) -> Any:
+        """Return one answer, or the answers of a slice."""
+        if self.part is None or self.maker is None:
+            return super().__getitem__(i)
+        return self.maker.whole(self.part[i], self.demand[i])
 
 
 class Reduced(Allocator):
@@ -60,39 +108,39 @@ class Reduced(Allocator):
         self._missed = Status.PRIORITIZED if by_priorities else Status.INEXACT
 
     def _allocate(self, u: Array) -> Allocation:
-        return self._whole(self.method.allocate(u[self._rows]), u)
+        return self.whole(self.method.allocate(u[self._rows]), u)
 
     def allocate_within(self, u: ArrayLike, lower: Array, upper: Array) -> Allocation:
         """Allocate one wrench within narrower bounds; see `Allocator.allocate_within`."""
         demand = self.problem.check(u)
-        return self._whole(self.method.allocate_within(demand[self._rows], lower, upper), demand)
+        return self.whole(self.method.allocate_within(demand[self._rows], lower, upper), demand)
 
     def allocate_after(self, u: ArrayLike, command: Array, period: float) -> Allocation:
         """Allocate one wrench a period [s] after a command (n + k,), of a method within rates."""
         demand = self.problem.check(u)
-        return self._whole(self.method.allocate_after(demand[self._rows], command, period), demand)
+        return self.whole(self.method.allocate_after(demand[self._rows], command, period), demand)
 
     def _allocate_batch(self, demands: Array) -> AllocationBatch:
-        found = self.method.allocate_batch(demands[:, self._rows])
-        exact = self.problem.is_exact(demands, found.thrusts)
-        status = np.where(
-            exact, np.int8(Status.EXACT),
-            np.where(found.status == Status.EXACT, np.int8(self._missed), found.status))
-        return replace(
-            found, problem=self.problem, demand=demands, status=status.astype(np.int8))
+        batch: AllocationBatch = self.whole(
+            self.method.allocate_batch(demands[:, self._rows]), demands)
+        return batch
 
-    def _whole(self, answer: Allocation, u: Array) -> Allocation:
-        """Return the answer for all axes of the demand (m,)."""
-        status = answer.status
-        if self.problem.is_exact(u, answer.thrusts):
-            status = Status.EXACT
-        elif status is Status.EXACT:
-            status = self._missed
-        return replace(
-            answer, problem=self.problem, demand=u, status=status,
-            _explain=lambda whole: self._explained(answer, whole))
+    def whole(self, answer: Any, u: Array) -> Any:
+        """Return the answer for all axes of a demand (m,), or the batch for demands (N, m)."""
+        exact = self.problem.is_exact(u, answer.thrusts)
+        if isinstance(answer, Allocation):
+            status = Status.EXACT if exact else (
+                self._missed if answer.status is Status.EXACT else answer.status)
+            return WholeAllocation.of(self, answer, u, status)
+        found = np.where(answer.status == Status.EXACT, np.int8(self._missed), answer.status)
+        made = WholeBatch(
+            self.problem, u, answer.thrusts,
+            np.where(exact, np.int8(Status.EXACT), found).astype(np.int8),
+            answer.level, answer.violation, answer.preference)
+        made.__dict__.update(part=answer, maker=self)
+        return made
 
-    def _explained(self, answer: Allocation, whole: Allocation) -> Explanation:
+    def explained(self, answer: Allocation, whole: Allocation) -> Explanation:
         """Return the explanation of an answer with rows for all axes; NaN for those left out."""
         part, m = answer.explanation, len(self.problem.axes)
 
@@ -111,6 +159,10 @@ class Reduced(Allocator):
             joint_gain=spread(part.joint_gain, 0.0),
             airmode_blocks=spread(part.airmode_blocks, 0), airmode=spread(part.airmode, 0.0))
 
+    def with_health(self, health: ArrayLike) -> Allocator:
+        """Raise a TypeError: ask the allocator of the sound vehicle."""
+        raise TypeError('with_health: ask the allocator of the vehicle, before within_rates')
+
 
 class Failed(Reduced):
     """The method of an allocator for the vehicle after failures, with all axes."""
@@ -121,9 +173,9 @@ class Failed(Reduced):
         super().__init__(report.full, method, method.problem.axes, settings)
         self._kind, self.audit = kind, report
 
-    def _explained(self, answer: Allocation, whole: Allocation) -> Explanation:
+    def explained(self, answer: Allocation, whole: Allocation) -> Explanation:
         """Return the explanation with NaN as what was served of lost axes."""
-        found = super()._explained(answer, whole)
+        found = super().explained(answer, whole)
         lost = [axis in self.audit.lost for axis in self.problem.axes]
         return replace(found, served=np.where(lost, np.nan, found.served))
 

@@ -101,6 +101,10 @@ class SlewLimited(Allocator):
             raise ValueError(f'period: expected a time from 0 on [s], got {period!r}')
         return self.allocator.allocate_within(u, *self.reachable(command, seconds))
 
+    def with_health(self, health: ArrayLike) -> Allocator:
+        """Return the same for other rotor health; see `Allocator.with_health`."""
+        return type(self)(self.allocator.with_health(health), self.rates, self.braking)
+
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)
 

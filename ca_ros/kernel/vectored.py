@@ -96,8 +96,12 @@ class KernelNewton(SetsNewton):
 
     def __init__(self, module: Any, *given: Any) -> None:
         super().__init__(*given)
-        self._module = module
+        self._module, self._given = module, given
         self.prioritizes = self.sets.n + len(self.matrix) <= module.N
+
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
+        # A module cannot be copied.
+        return sets_newton, self._given
 
     @cached_property
     def _fields(self) -> dict[str, Array | float]:

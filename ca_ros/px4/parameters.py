@@ -95,6 +95,11 @@ def read(text: str) -> dict[str, float]:
             f'or {AIRFRAME} (multirotor with tilt)'
         )
     count = int(given['CA_ROTOR_COUNT'])
+    for i in range(max(count, 0)):
+        if count > 1 and not any(f'CA_ROTOR{i}_{kind}' in given for kind in KINDS):
+            raise ValueError(
+                f'CA_ROTOR_COUNT is {count}, but no parameter describes rotor {i}, CA_ROTOR{i}_*'
+            )
     for i in range(max(count, 0), ROTORS):
         placed = [f'CA_ROTOR{i}_{kind}' for kind in ('PX', 'PY')]
         if any(given.get(name, 0.0) for name in placed):

@@ -154,7 +154,7 @@ class Vehicle:
             'mass': mass, 'spins': spins, 'thrust_coefficient': thrust_coefficient,
             'torque_coefficient': torque_coefficient, 'speed_min': speed_min,
             'speed_max': speed_max, 'inertia': inertia, 'axes': axes, **others}
-        if 'arms' in others:
+        if {'arms', 'servos'} <= others.keys():
             # The attributes themselves, as `dataclasses.replace` passes them on.
             self.__dict__.update(given)
             self._freeze()
@@ -349,8 +349,8 @@ class Vehicle:
 
         Raises a ParameterError if there is no such rotor, or the health is not in [0, 1].
         """
-        if not 1 <= rotor <= self.n:
-            raise ParameterError(f'no rotor {rotor}: the vehicle has rotors 1 to {self.n}')
+        if not isinstance(rotor, (int, np.integer)) or not 1 <= rotor <= self.n:
+            raise ParameterError(f'no rotor {rotor!r}: the vehicle has rotors 1 to {self.n}')
         return self.with_health(np.where(np.arange(self.n) == rotor - 1, health, self.health))
 
     @property

@@ -56,6 +56,11 @@ def mixer(vehicle: Vehicle) -> Array:
     if np.linalg.matrix_rank(gamma) < len(gamma):
         raise ValueError('the rotors cannot control all four axes: see ca_ros audit')
     columns = np.linalg.pinv(gamma)
+    if columns[:, 0].min() <= SAME * columns[:, 0].max():
+        idle = (np.flatnonzero(columns[:, 0] <= SAME * columns[:, 0].max()) + 1).tolist()
+        raise ValueError(
+            f'rotors {idle} would get no throttle, since only then the torques cancel: see '
+            'ca_ros audit')
     return np.asarray(columns / np.abs(columns).max(axis=0), float)
 
 
