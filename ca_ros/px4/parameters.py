@@ -95,8 +95,8 @@ def read(text: str) -> dict[str, float]:
             f'or {AIRFRAME} (multirotor with tilt)'
         )
     count = int(given['CA_ROTOR_COUNT'])
-    for i in range(max(count, 0)):
-        if count > 1 and not any(f'CA_ROTOR{i}_{kind}' in given for kind in KINDS):
+    for i in range(count if 1 < count <= ROTORS else 0):
+        if not any(f'CA_ROTOR{i}_{kind}' in given for kind in KINDS):
             raise ValueError(
                 f'CA_ROTOR_COUNT is {count}, but no parameter describes rotor {i}, CA_ROTOR{i}_*'
             )
