@@ -371,6 +371,8 @@ def test_a_name_that_is_no_more_is_refused_with_what_to_do(tmp_path, name):
 
 @pytest.mark.parametrize('method', ALLOCATORS)
 def test_a_class_takes_the_settings_of_its_method(method):
+    if method == 'osqp':
+        pytest.importorskip('osqp')
     kind = ALLOCATORS[method]
     fields, vehicle = table(kind.settings_type), Vehicle.load('hexarotor')
     for name in fields:
