@@ -78,6 +78,28 @@ def positive(kind: type[int] | type[float]) -> Callable[[str], Any]:
     return read
 
 
+def add_order(parser: argparse.ArgumentParser, about: str) -> None:
+    """Add the option for the order of the motors of an autopilot; see `rotor_rows`."""
+    parser.add_argument('--order', default='', metavar='A,B,..', help=about)
+
+
+def order_of(text: str) -> list[int]:
+    """Return the numbers in the text of `add_order`, 0 for what is none; empty without a text."""
+    words = text.split(',') if text else []
+    return [int(word) if word.strip().isdecimal() else 0 for word in words]
+
+
+def rotor_rows(order: Sequence[int], n: int) -> list[int]:
+    """Return for each motor the rotor that it is, from 0; an empty order is that of the vehicle.
+
+    Raises a ValueError if the order has not each of the rotors 1 to n once.
+    """
+    rows = [rotor - 1 for rotor in order or range(1, n + 1)]
+    if sorted(rows) != list(range(n)):
+        raise ValueError(f'--order: expected each of the rotors 1 to {n} once')
+    return rows
+
+
 def add_rotor_numbers(parser: argparse.ArgumentParser, coefficient: str) -> None:
     """Add the options for the numbers of rotors that a geometry does not have."""
     parser.add_argument('--speed-min', type=finite, required=True, help='[rad/s]')

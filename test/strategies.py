@@ -132,6 +132,22 @@ def tilted_axes(n, tilt):
         -sines * np.sin(angles), sines * np.cos(angles), np.full(n, np.cos(tilt))])
 
 
+# ROMFS/px4fmu_common of PX4-Autopilot: init.d/airframes/4001_quad_x (as in PX4's guide, "Adding a
+# Frame Configuration") and init.d/airframes/1105_rc_hexa_x_sih.hil.
+QUAD_X = """\
+param set-default CA_ROTOR_COUNT 4
+param set-default CA_ROTOR0_PX 0.15
+param set-default CA_ROTOR0_PY 0.15
+param set-default CA_ROTOR1_PX -0.15
+param set-default CA_ROTOR1_PY -0.15
+param set-default CA_ROTOR2_PX 0.15
+param set-default CA_ROTOR2_PY -0.15
+param set-default CA_ROTOR2_KM -0.05
+param set-default CA_ROTOR3_PX -0.15
+param set-default CA_ROTOR3_PY 0.15
+param set-default CA_ROTOR3_KM -0.05
+"""
+
 HEXAROTOR = Vehicle.load('hexarotor')
 
 FLEET = {

@@ -12,7 +12,7 @@ from ca_ros.problem.diagnosis import diagnose
 from ca_ros.px4 import parameters
 from ca_ros.vehicle.files import shipped_tilting, shipped_vehicles
 from ca_ros.vehicle.formats.mixers import MOTORS, ardupilot, betaflight, mixer
-from strategies import build, ring
+from strategies import QUAD_X, build, ring
 
 SOUND = sorted(shipped_vehicles() | shipped_tilting())
 SYMMETRIC = ['quadrotor', 'hexarotor', 'hexarotor_tilted', 'octorotor', 'x8', 'y6']
@@ -126,19 +126,6 @@ def test_what_changes_between_two_vehicles_is_shown(capsys):
 
 # PX4's parameters
 
-AIRFRAME = """\
-param set-default CA_ROTOR_COUNT 4
-param set-default CA_ROTOR0_PX 0.15
-param set-default CA_ROTOR0_PY 0.15
-param set-default CA_ROTOR1_PX -0.15
-param set-default CA_ROTOR1_PY -0.15
-param set-default CA_ROTOR2_PX 0.15
-param set-default CA_ROTOR2_PY -0.15
-param set-default CA_ROTOR2_KM -0.05
-param set-default CA_ROTOR3_PX -0.15
-param set-default CA_ROTOR3_PY 0.15
-param set-default CA_ROTOR3_KM -0.05
-"""
 NUMBERS = ['--mass', '1', '--speed-min', '0', '--speed-max', '800', '--thrust-coefficient', '1e-5']
 
 
@@ -152,7 +139,7 @@ NUMBERS = ['--mass', '1', '--speed-min', '0', '--speed-max', '800', '--thrust-co
     ('_PX 0.15', '_PX O.15', "line 2: CA_ROTOR0_PX: 'O.15' is not a number")])
 def test_an_airframe_with_a_slip_is_refused(old, new, fault, tmp_path, capsys):
     file = tmp_path / 'airframe'
-    file.write_text(AIRFRAME.replace(old, new))
+    file.write_text(QUAD_X.replace(old, new))
     assert main(['px4-parameters', 'from-px4', str(file), *NUMBERS]) == 1
     out, err = capsys.readouterr()
     assert out == ''
@@ -168,7 +155,7 @@ def test_an_airframe_with_a_slip_is_refused(old, new, fault, tmp_path, capsys):
 def test_an_airframe_that_may_be_wrong_is_imported_with_a_warning(
         line, warning, tmp_path, capsys):
     file = tmp_path / 'airframe'
-    file.write_text(f'{AIRFRAME}param set-default {line}\n')
+    file.write_text(f'{QUAD_X}param set-default {line}\n')
     assert main(['px4-parameters', 'from-px4', str(file), *NUMBERS]) == 0
     out, err = capsys.readouterr()
     assert 'positions:' in out
@@ -181,7 +168,7 @@ def test_a_file_that_has_all_parameters_of_px4_is_no_slip():
     rest = ''.join(
         f'param set CA_ROTOR{i}_{kind} {value}\n'
         for i in range(4, 12) for kind, value in parameters.DEFAULTS.items())
-    assert len(parameters.read(AIRFRAME + rest)) == 11 + 64
+    assert len(parameters.read(QUAD_X + rest)) == 11 + 64
 
 
 # Out again

@@ -14,25 +14,10 @@ from ca_ros.__main__ import main
 from ca_ros.px4 import frames as px4
 from ca_ros.px4 import parameters
 from ca_ros.vehicle.files import read
-from strategies import FLEET
+from strategies import FLEET, QUAD_X
 
 S = np.sqrt(0.5)
 
-# ROMFS/px4fmu_common of PX4-Autopilot: init.d/airframes/4001_quad_x (as in PX4's guide, "Adding a
-# Frame Configuration") and init.d/airframes/1105_rc_hexa_x_sih.hil.
-QUAD_X = """\
-param set-default CA_ROTOR_COUNT 4
-param set-default CA_ROTOR0_PX 0.15
-param set-default CA_ROTOR0_PY 0.15
-param set-default CA_ROTOR1_PX -0.15
-param set-default CA_ROTOR1_PY -0.15
-param set-default CA_ROTOR2_PX 0.15
-param set-default CA_ROTOR2_PY -0.15
-param set-default CA_ROTOR2_KM -0.05
-param set-default CA_ROTOR3_PX -0.15
-param set-default CA_ROTOR3_PY 0.15
-param set-default CA_ROTOR3_KM -0.05
-"""
 FULL = 4.0
 """Greatest thrust of a rotor of these vehicles [N]: 2.5e-5 * 400^2."""
 

@@ -33,6 +33,11 @@ The largest multirotors have arms of this length; arms grow with the cube root o
 """
 
 
+def too_far(length: float, mass: float) -> bool:
+    """Tell whether a length of a vehicle seems to be in millimetres [m], given its mass [kg]."""
+    return length > ARM_MAX * max(1.0, abs(mass) ** (1.0 / 3.0))
+
+
 @dataclass(frozen=True, eq=False)
 class Audit:
     """The result of an audit.
@@ -164,7 +169,7 @@ class Audit:
         """What is probably a slip in the vehicle's file; it refuses no vehicle."""
         vehicle, found = self.full.vehicle, []
         arm = float(np.linalg.norm(vehicle.arms, axis=1).max())
-        if arm > ARM_MAX * max(1.0, vehicle.mass ** (1.0 / 3.0)):
+        if too_far(arm, vehicle.mass):
             found.append(
                 f'an arm of {arm:.4g} m for {vehicle.mass:.4g} kg: are positions and '
                 'center_of_mass in millimetres instead of metres?'

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.problem.audit import ARM_MAX, audit
+from ca_ros.problem.audit import audit, too_far
 from ca_ros.vehicle.vehicle import Vehicle
 
 SAME_PLACE = 0.03  # distance of a rotor from the image of another, as a share of the longest arm
@@ -65,7 +65,7 @@ def diagnose(vehicle: Vehicle) -> tuple[Cause, ...]:
     """
     vehicle = vehicle.with_health(1.0)
     arm = float(np.linalg.norm(vehicle.arms, axis=1).max())
-    if arm > ARM_MAX * max(1.0, vehicle.mass ** (1.0 / 3.0)):
+    if too_far(arm, vehicle.mass):
         return (Cause('units', (), (
             f'an arm of {arm:.4g} m for {vehicle.mass:.4g} kg: positions look like '
             'millimetres instead of metres')),)

@@ -27,9 +27,16 @@ from typing import Any
 
 import numpy as np
 
-from ca_ros.arguments import add_rotor_numbers, command, finite
+from ca_ros.arguments import (
+    add_order,
+    add_rotor_numbers,
+    command,
+    finite,
+    order_of,
+    rotor_rows,
+)
 from ca_ros.input_files import read_text
-from ca_ros.problem.audit import ARM_MAX
+from ca_ros.problem.audit import too_far
 from ca_ros.problem.diagnosis import diagnose
 from ca_ros.vehicle.files import flatten, read_yaml
 from ca_ros.vehicle.parameter_text import parameter_text
@@ -112,7 +119,7 @@ def read(text: str) -> dict[str, float]:
 
 def _check_size(farthest: float, mass: float) -> None:
     """Raise a ValueError if a rotor is too far away [m] for the mass [kg]."""
-    if farthest > ARM_MAX * max(1.0, abs(mass) ** (1.0 / 3.0)):
+    if too_far(farthest, mass):
         raise ValueError(
             f'a rotor is {farthest:g} m from the centre of mass of {mass:g} kg: positions look '
             'like millimetres; --length 0.001 takes them for such'
@@ -204,9 +211,7 @@ def to_px4(vehicle: Vehicle, order: Sequence[int] = ()) -> dict[str, float]:
     """
     if vehicle.n > ROTORS:
         raise ValueError(f'{vehicle.n} rotors, but PX4 has {ROTORS} at most')
-    rows = [rotor - 1 for rotor in order or range(1, vehicle.n + 1)]
-    if sorted(rows) != list(range(vehicle.n)):
-        raise ValueError(f'--order: expected each of the rotors 1 to {vehicle.n} once')
+    rows = rotor_rows(order, vehicle.n)
     full = vehicle.with_health(1.0).thrusts(vehicle.speed_max)
     found: dict[str, float] = {'CA_ROTOR_COUNT': vehicle.n}
     for motor, i in enumerate(rows):
@@ -309,7 +314,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     other.add_argument('vehicle', help='a shipped vehicle or a parameter file')
     other.add_argument('--style', choices=STYLES, default='shell', help='(default: %(default)s)')
     about = "the rotor that each of PX4's motors is"
-    other.add_argument('--order', default='', metavar='A,B,..', help=about)
+    add_order(other, about)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -327,9 +332,8 @@ def run(options: argparse.Namespace) -> None:
         for cause in diagnose(Vehicle.from_parameters(flatten(content['ros__parameters']))):
             print(f'ca_ros px4-parameters: warning: {cause.text}', file=sys.stderr)
         return
-    words = options.order.split(',') if options.order else []
-    order = [int(word) if word.strip().isdecimal() else 0 for word in words]
-    print(text(to_px4(Vehicle.load(options.vehicle), order), options.style))
+    written = to_px4(Vehicle.load(options.vehicle), order_of(options.order))
+    print(text(written, options.style))
 
 
 main = partial(command, 'px4-parameters', add_options, run)

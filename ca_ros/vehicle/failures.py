@@ -38,16 +38,12 @@ def with_failures(vehicle: Vehicle, failures: dict[str, float]) -> Vehicle:
 
     Raises a ParameterError if the vehicle has no such rotor.
     """
-    health = vehicle.health.copy()
     if ALL in failures:
-        health[:] = failures[ALL]
+        vehicle = vehicle.with_health(failures[ALL])
     for rotor, share in failures.items():
-        if rotor == ALL:
-            continue
-        if int(rotor) > vehicle.n:
-            raise ParameterError(f'no rotor {rotor}: the vehicle has rotors 1 to {vehicle.n}')
-        health[int(rotor) - 1] = share
-    return vehicle.with_health(health)
+        if rotor != ALL:
+            vehicle = vehicle.fail(int(rotor), share)
+    return vehicle
 
 
 def in_words(failures: dict[str, float]) -> str:

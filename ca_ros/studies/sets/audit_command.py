@@ -67,7 +67,7 @@ def as_json(name: str, report: Audit, causes: Sequence[Cause]) -> dict[str, Any]
     """Return an audit as content of JSON; null where there is no number."""
     vehicle = report.full.vehicle
     failures = {}
-    for rotor, case in _cases(vehicle).items():
+    for rotor, case in cases_of(vehicle).items():
         each = audit(case)
         failures[rotor] = {
             'lost_axes': each.lost, 'hovers': each.keeps_hovering,
@@ -101,7 +101,7 @@ def remains(report: Audit, file: str) -> list[str]:
 
 def table(vehicle: Vehicle) -> str:
     """Return a table of the controllable axes, of the vehicle as it is and without each rotor."""
-    cases = _cases(vehicle)
+    cases = cases_of(vehicle)
     rows = [
         ['failed', 'lost axes', 'hover margin [N, N m]'],
         *([failed, *_row(audit(case), vehicle.axes)] for failed, case in cases.items()),
@@ -116,7 +116,7 @@ def table(vehicle: Vehicle) -> str:
     )
 
 
-def _cases(vehicle: Vehicle) -> dict[str, Vehicle]:
+def cases_of(vehicle: Vehicle) -> dict[str, Vehicle]:
     """Return the vehicle as it is and without each of its rotors, by name."""
     cases = {'none': vehicle}
     for rotor in (np.flatnonzero(vehicle.health > 0.0) + 1).tolist():
@@ -128,12 +128,22 @@ def _row(report: Audit, axes: Sequence[str]) -> list[str]:
     lost = ', '.join(report.lost) or '-'
     if not report.keeps_hovering:
         return [lost, report.why_no_hover()]
+    return [lost, margin(report), *(ends(report, axis) for axis in axes)]
+
+
+def margin(report: Audit) -> str:
+    """Return the hover margin in words [N, N m]; of a vehicle that cannot hover '-'."""
+    if not report.keeps_hovering:
+        return '-'
     try:
-        margin = f'{report.controllable_hover_margin:.3g}'
+        return f'{report.controllable_hover_margin:.3g}'
     except ValueError:
-        margin = 'too many rotors'
-    ends = (report.ends(axis) if axis in report.authority else '-' for axis in axes)
-    return [lost, margin, *ends]
+        return 'too many rotors'
+
+
+def ends(report: Audit, axis: str) -> str:
+    """Return the range of an axis around hover in words; '-' without one."""
+    return report.ends(axis) if axis in report.authority else '-'
 
 
 main = partial(command, 'audit', add_options, run)

@@ -4,13 +4,11 @@ import argparse
 from collections.abc import Iterator
 from functools import partial
 
-import numpy as np
-
 from ca_ros.arguments import command
-from ca_ros.problem.audit import Audit, audit
+from ca_ros.problem.audit import audit
 from ca_ros.problem.controllability import lift, unit
 from ca_ros.problem.diagnosis import diagnose
-from ca_ros.vehicle.failures import with_failures
+from ca_ros.studies.sets.audit_command import cases_of, ends, margin
 from ca_ros.vehicle.vehicle import Vehicle
 
 
@@ -45,29 +43,16 @@ def _rows(vehicle: Vehicle) -> Iterator[tuple[str, str]]:
     yield 'mass [kg]', f'{vehicle.mass:.4g}'
     if 'thrust' in vehicle.axes:
         yield 'lift [kg]', '{:.3g} to {:.3g}'.format(*lift(vehicle))
-    report = audit(vehicle)
-    yield 'hover margin [N, N m]', _margin(report)
+    cases = {name: audit(case) for name, case in cases_of(vehicle).items()}
+    report = cases.pop('none')
+    yield 'hover margin [N, N m]', margin(report)
     for axis in vehicle.axes:
-        yield f'{axis} [{unit(axis)}]', _range(report, axis)
-    for rotor in (np.flatnonzero(vehicle.health > 0.0) + 1).tolist():
-        left = audit(with_failures(vehicle, {str(rotor): 0.0}))
-        words = f'lost: {", ".join(left.lost) or "-"}; margin {_margin(left)}'
-        yield f'without rotor {rotor}', words if left.keeps_hovering else left.why_no_hover()
+        yield f'{axis} [{unit(axis)}]', ends(report, axis)
+    for name, left in cases.items():
+        words = f'lost: {", ".join(left.lost) or "-"}; margin {margin(left)}'
+        yield f'without {name}', words if left.keeps_hovering else left.why_no_hover()
     for cause in diagnose(vehicle):
         yield f'probably wrong: {cause.kind}', cause.text
-
-
-def _margin(report: Audit) -> str:
-    if not report.keeps_hovering:
-        return '-'
-    try:
-        return f'{report.controllable_hover_margin:.3g}'
-    except ValueError:
-        return 'too many rotors'
-
-
-def _range(report: Audit, axis: str) -> str:
-    return report.ends(axis) if axis in report.authority else '-'
 
 
 main = partial(command, 'compare', add_options, run)

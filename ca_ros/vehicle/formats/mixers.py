@@ -20,7 +20,7 @@ from functools import partial
 
 import numpy as np
 
-from ca_ros.arguments import command
+from ca_ros.arguments import add_order, command, order_of, rotor_rows
 from ca_ros.arrays import Array
 from ca_ros.vehicle.effectiveness import control_allocation_matrix
 from ca_ros.vehicle.settings import AXES
@@ -101,9 +101,7 @@ STYLES = {'betaflight': betaflight, 'ardupilot': ardupilot}
 def _ordered(vehicle: Vehicle, order: Sequence[int], style: str) -> Array:
     if vehicle.n > MOTORS[style]:
         raise ValueError(f'{vehicle.n} rotors, but {style} has {MOTORS[style]} motors at most')
-    rows = [rotor - 1 for rotor in order or range(1, vehicle.n + 1)]
-    if sorted(rows) != list(range(vehicle.n)):
-        raise ValueError(f'--order: expected each of the rotors 1 to {vehicle.n} once')
+    rows = rotor_rows(order, vehicle.n)
     # Without the sign of a zero.
     return np.round(mixer(vehicle)[rows] * SIGNS[style], 6) + 0.0
 
@@ -112,15 +110,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.add_argument('style', choices=STYLES)
     parser.add_argument('vehicle', help='a shipped vehicle or a parameter file')
-    parser.add_argument(
-        '--order', default='', metavar='A,B,..', help='the rotor that each motor is')
+    add_order(parser, 'the rotor that each motor is')
 
 
 def run(options: argparse.Namespace) -> None:
     """Print the mixer."""
-    words = options.order.split(',') if options.order else []
-    order = [int(word) if word.strip().isdecimal() else 0 for word in words]
-    print(STYLES[options.style](Vehicle.load(options.vehicle), order))
+    print(STYLES[options.style](Vehicle.load(options.vehicle), order_of(options.order)))
 
 
 main = partial(command, 'mixer', add_options, run)
