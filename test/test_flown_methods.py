@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
@@ -17,7 +17,9 @@ from ca_ros import (
     Vehicle,
     control_allocation_matrix,
 )
+from ca_ros.allocation.sequential_desaturation import SequentialDesaturation
 from ca_ros.allocation.weighted_least_squares import WeightedLeastSquares
+from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.studies.dynamic import study as dynamic_study
 from ca_ros.studies.plot_style import styles
 from ca_ros.studies.static import study as static_study
@@ -94,6 +96,45 @@ def test_all_rows_of_px4(mode, sums):
 ])
 def test_other_cases_of_px4(airmode, control, thrusts):
     np.testing.assert_allclose(desaturated(airmode, *control), thrusts, atol=1e-12)
+
+
+def lost(vehicle, *rotors):
+    for rotor in rotors:
+        vehicle = vehicle.fail(rotor)
+    return VehicleProblem(vehicle)
+
+
+SURVEYED = Vehicle.ring(
+    count=6, radius=0.3, mass=1.5, thrust_coefficient=1e-5, torque_coefficient=5e-7, speed_min=0.0,
+    speed_max=900.0)
+SURVEYED = Vehicle(
+    mass=1.5, positions=SURVEYED.arms + np.random.default_rng(1).normal(0.0, 3e-3, (6, 3)),
+    spins=['cw', 'ccw'] * 3, thrust_coefficient=1e-5, torque_coefficient=5e-7, speed_min=0.0,
+    speed_max=900.0)
+"""Rotors 3 mm beside the corners of a hexagon, as a survey finds them."""
+
+
+@pytest.mark.parametrize('pair', [(1, 4), (2, 5), (3, 6)])
+def test_an_axis_that_depends_on_others_is_dropped_as_px4_does(pair):
+    # Two opposite rotors fail: the rows of yaw and of a tilt are 1 to 3 degrees apart.
+    problem = lost(SURVEYED, *pair)
+    now, before = (
+        SequentialDesaturation(problem, airmode='roll_pitch', dependent_axes=choice).allocate(
+            [14.7, 0.1, 0.05, 0.02]) for choice in ('drop', 'keep'))
+    np.testing.assert_allclose(now.residual[:3], 0.0, atol=1e-12)
+    assert np.abs(before.residual[0]) > 1.0
+
+
+def test_what_px4_keeps_changes_no_bit():
+    fleet = [*(lost(SURVEYED, rotor) for rotor in range(1, 7)), VehicleProblem(SURVEYED),
+             *map(VehicleProblem, FLEET.values())]
+    rng = np.random.default_rng(0)
+    for problem in fleet:
+        u = problem.center + rng.normal(size=(20, len(problem.axes))) * problem.extent
+        now, before = (
+            SequentialDesaturation(problem, dependent_axes=choice).allocate_batch(u).thrusts
+            for choice in ('drop', 'keep'))
+        np.testing.assert_array_equal(now, before)
 
 
 # Betaflight
@@ -177,9 +218,10 @@ from 0 to 1; the residuals of the cases give g = 0.31788395460742563.
 
 
 def test_the_cases_of_a_wls_project():
+    problem = AllocationProblem(EFFECTIVENESS, 0.0, 1.0)
     allocator = WeightedLeastSquares(
-        AllocationProblem(EFFECTIVENESS, 0.0, 1.0), gamma=0.31788395460742563**-2, wu=WU,
-        wv=[10.0, np.sqrt(1000.0), np.sqrt(1000.0), 1.0])
+        problem, gamma=0.31788395460742563**-2, wu=np.multiply(WU, problem.half_range),
+        wv=[10.0, np.sqrt(1000.0), np.sqrt(1000.0), 1.0] * problem.extent)
     expected = WLS_CASES[:, 4:]
     saturated = np.count_nonzero((expected == 0.0) | (expected == 1.0), axis=1)
     assert set(saturated) == set(range(7))
@@ -264,7 +306,7 @@ def test_laws_for_any_matrix(method, data):
 @pytest.mark.parametrize(('method', 'options'), [
     ('redistributed_pseudo_inverse', {}), ('betaflight_mixer', {}),
     # With the other airmodes, what saturates before yaw is added is not restored.
-    ('sequential_desaturation', {'airmode': 'roll_pitch_yaw'})])
+    ('sequential_desaturation', {'airmode': 'roll_pitch_yaw', 'dependent_axes': 'keep'})])
 @given(data=st.data())
 def test_what_the_pseudo_inverse_attains_is_exact_for_any_matrix(method, options, data):
     rng, n = data.draw(generators), data.draw(st.integers(4, 10))
@@ -289,6 +331,9 @@ def test_weighted_least_squares_is_optimal_for_any_matrix(data):
     allocator = WeightedLeastSquares(problem, gamma=100.0, wu=wu, wv=wv, preferred=preferred)
     found = allocator.allocate(u).thrusts
     moving = problem.half_range > 0.0
+    wv, wu = (
+        weights / np.where(ranges > 0.0, ranges, 1.0)
+        for weights, ranges in ((wv, problem.extent), (wu, problem.half_range)))
     matrix = np.vstack([10.0 * wv[:, None] * problem.gamma, np.diag(wu)])
     target = np.concatenate([10.0 * wv * u, wu * preferred])
     other = problem.middle.copy()
@@ -298,6 +343,21 @@ def test_weighted_least_squares_is_optimal_for_any_matrix(data):
             (problem.lower[moving], problem.upper[moving]), method='bvls', tol=1e-14).x
     cost, least = (np.sum((matrix @ f - target) ** 2) for f in (found, other))
     assert cost <= least * (1.0 + 1e-9) + 1e-12
+
+
+@given(data=st.data())
+def test_weighted_least_squares_is_the_same_in_other_units(data):
+    problem, rng = data.draw(problems()), data.draw(generators)
+    assume(problem.extent.min() > 0.0)
+    u = problem.center + rng.normal(size=len(problem.axes)) * problem.extent
+    effectors, axes = 10.0 ** rng.uniform(-2, 2, problem.n), 10.0 ** rng.uniform(-2, 2, len(u))
+    other = AllocationProblem(
+        axes[:, None] * problem.gamma / effectors, effectors * problem.lower,
+        effectors * problem.upper, axes=problem.axes)
+    options = {'wv': rng.uniform(0.5, 2.0, len(u)), 'gamma': 100.0}
+    found = WeightedLeastSquares(problem, **options).allocate(u).thrusts
+    expected = WeightedLeastSquares(other, **options).allocate(axes * u).thrusts / effectors
+    np.testing.assert_allclose(found, expected, atol=1e-7)
 
 
 # Faults

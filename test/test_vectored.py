@@ -544,9 +544,12 @@ def test_baselines_keep_angles_and_thrusts(name):
     # Weighted least squares costs less than the answer of any other method.
     weighted = make_allocator('weighted_least_squares', problem, gamma=100.0, wv=1.0)
     exact = make_allocator('exact', problem)
+    half = problem.half_range[problem.sets.first][problem.sets.owners]
     for u in wrenches:
         answers = [method.allocate(u) for method in (weighted, exact)]
-        costs = [(a.thrusts**2).sum() + 100.0 * (a.residual**2).sum() for a in answers]
+        costs = [
+            ((a.thrusts / half)**2).sum() + 100.0 * ((a.residual / problem.extent)**2).sum()
+            for a in answers]
         assert costs[0] <= costs[1] * (1.0 + 1e-9)
         assert problem.violation(answers[0].thrusts) < 1e-12
 

@@ -9,10 +9,14 @@ from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.named_axes import mixer
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, BoolArray
+from ca_ros.problem.controllability import unit_rows
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import Settings, setting
 
 WEAK = 0.2  # rotors with a smaller normalised entry of a mixer column do not decide its use
 YAW_MARGIN = 0.15  # how far a rotor may exceed its range before yaw is reduced, as a share
+INDEPENDENCE_MIN = 1e-2  # least squared sine of an axis to the span of more important ones
+PRIORITY = ('thrust', 'roll', 'pitch', 'force_x', 'force_y', 'yaw')
 FOLD_MIN = 1e-3  # least relief of the worst saturation for early yaw, as a share of the range
 
 
@@ -22,6 +26,8 @@ class SequentialDesaturationSettings(Settings):
 
     airmode: Literal['disabled', 'roll_pitch', 'roll_pitch_yaw'] = setting(
         'disabled', 'for which axes thrust may be raised. disabled: none', mutable=True)
+    dependent_axes: Literal['drop', 'keep'] = setting(
+        'drop', 'whether axes that depend on others are left out', python_only=True)
 
 
 class SequentialDesaturation(Allocator):
@@ -40,6 +46,10 @@ class SequentialDesaturation(Allocator):
     Where yaw is added last, the earlier steps are not taken back.  Then even wrenches that the
     pseudo-inverse attains may be missed.
 
+    An axis that depends on more important ones is left out, as in PX4 since September 2026 [2]_:
+    its row of Gamma, per range of the rotors, makes an angle of less than 5.7 degrees with the
+    span of theirs.  The order is thrust, roll, pitch, force_x, force_y, yaw.
+
     Differences from PX4: here u is a wrench, and the airmode is one of PX4's former parameter
     MC_AIRMODE, without the limit MC_AIRMODE_LIM between them.  Forces along x and y are mixed
     like roll and pitch, and never reduced.  Steps for axes that a vehicle has lost are left out.
@@ -50,11 +60,16 @@ class SequentialDesaturation(Allocator):
     problem : Vehicle or AllocationProblem
     airmode : {'disabled', 'roll_pitch', 'roll_pitch_yaw'}, default 'disabled'
         For which axes thrust may be raised.
+    dependent_axes : {'drop', 'keep'}, default 'drop'
+        Whether axes that depend on others are left out.  'keep': as in the releases of PX4 before,
+        which invert them.
 
     References
     ----------
     .. [1] PX4 Autopilot, ControlAllocationSequentialDesaturation, as of 2026:
        https://github.com/PX4/PX4-Autopilot/tree/main/src/lib/control_allocation
+    .. [2] "Drop control axes that are not independently achievable":
+       https://github.com/PX4/PX4-Autopilot/pull/28589
     """
 
     solves = (
@@ -67,7 +82,9 @@ class SequentialDesaturation(Allocator):
 
     def _set_up(self) -> None:
         self.airmode, problem = self.settings.airmode, self.problem
-        self._columns, self._base, self._offset = mixer('sequential_desaturation', problem)
+        dropped = _dependent if self.settings.dependent_axes == 'drop' else None
+        self._columns, self._base, self._offset = mixer(
+            'sequential_desaturation', problem, dropped)
         self._strong = _strong(self._columns)
         self._yaw = problem.axes.index('yaw') if 'yaw' in problem.axes else None
         self._least_relief = FOLD_MIN * 2.0 * problem.half_range.max(initial=0.0)
@@ -140,6 +157,22 @@ class SequentialDesaturation(Allocator):
             for found in (thrusts, with_yaw)
         )
         return relieved < worst - self._least_relief
+
+
+def _dependent(problem: AllocationProblem) -> list[int]:
+    """Return the numbers of the axes that depend on more important ones."""
+    rows = dict(zip(problem.axes, unit_rows(problem), strict=True))
+    dropped, span = [], np.zeros((0, problem.n))
+    for axis in (axis for axis in PRIORITY if axis in rows):
+        # Twice, for the digits of what is left.
+        rest = rows[axis] - span.T @ (span @ rows[axis])
+        rest -= span.T @ (span @ rest)
+        size = float(np.linalg.norm(rest))
+        if size**2 < INDEPENDENCE_MIN:
+            dropped.append(problem.axes.index(axis))
+        else:
+            span = np.vstack([span, rest / size])
+    return dropped
 
 
 def _strong(columns: dict[str, Array]) -> dict[str, BoolArray]:

@@ -10,7 +10,7 @@ from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, constant
 from ca_ros.kernel.vectored import sets_newton
-from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.problem import UNITS_MIN, AllocationProblem
 from ca_ros.settings import Numbers, ParameterError, Settings, Words, setting
 from ca_ros.solver.convex_sets import ConvexSets, Interval
 from ca_ros.vehicle.settings import AXES
@@ -18,7 +18,7 @@ from ca_ros.vehicle.validation import check_ratio, repeated
 
 WV = ('thrust 100', 'roll 1000', 'pitch 1000', 'yaw 1')  # the default of Wv, that of Paparazzi
 RATIO_MAX = 1e10  # greatest ratio of the weights of the wrench to those of the thrusts
-FREE = 1e-3  # least weight of an axis of rotors that tilt, for the digits of what it may miss
+FREE = 1e-3  # least weight of an axis of vectors, for the digits of what it may miss
 STEPS_MAX = 100  # least-squares problems for one wrench, at most
 ROUNDING = 1e-10  # size of multipliers that count as zero, relative to their terms
 
@@ -32,10 +32,12 @@ class WeightedLeastSquaresSettings(Settings):
         python_only=True)
     wu: Numbers = setting(
         1.0,
-        'Wu: weight of each deviation from a preferred thrust, one number, or one for each rotor, '
-        'at most 1e4 times each other', positive=True, mutable=True)
+        'Wu: weight of each deviation from a preferred thrust, as a share of half of its range, '
+        'one number, or one for each rotor, at most 1e4 times each other', positive=True,
+        mutable=True)
     wv: Words | Numbers = setting(
-        WV, 'Wv: weights of the axes; an axis that is not named has the weight 1', mutable=True)
+        WV, 'Wv: weights of the errors of the axes, as shares of half of their ranges; an axis '
+        'that is not named has the weight 1', mutable=True)
     preferred: Literal['zero', 'minimum', 'middle'] | Numbers = setting(
         'zero',
         'preferred thrusts. zero: none; minimum: the lower bounds; middle: the middles of the '
@@ -49,11 +51,15 @@ class WeightedLeastSquaresSettings(Settings):
 class WeightedLeastSquares(Allocator):
     """Weighted least squares of wrench and preferred thrusts, by an active-set method.
 
-    The thrusts minimise ``|Wu (f - f_p)|^2 + gamma |Wv (Gamma f - u)|^2`` subject to the bounds,
-    the program WLS of [1]_ and the cost of [2]_.  The weights trade the axes against each other
-    and against the preferred thrusts f_p, so the wrench is never met exactly, except where f_p
-    gives it.  The cost depends on the units of wrench and thrusts: [2]_ has angular accelerations
-    in place of torques, and thrusts as shares of a command.
+    The thrusts minimise ``|Wu (f - f_p) / h|^2 + gamma |Wv (Gamma f - u) / r|^2`` subject to the
+    bounds, the program WLS of [1]_ and the cost of [2]_.  The weights trade the axes against each
+    other and against the preferred thrusts f_p, so the wrench is never met exactly, except where
+    f_p gives it.
+
+    h (n,) and r (m,) are half of the ranges of the thrusts and of the components of the wrench,
+    the `half_range` and the `extent` of the problem.  So the same weights suit vehicles of any
+    size and units; [2]_ has angular accelerations and shares of a command for the same purpose.
+    Multiply weights for newtons and newton metres by h and r.
 
     By default, gamma is that of QCAT, the toolbox of the author of [1]_; Wv and f_p are those of
     Paparazzi [3]_.  Words of Wv for axes that the vehicle has not are ignored.
@@ -64,9 +70,11 @@ class WeightedLeastSquares(Allocator):
     gamma : float, default 1e6
         Weight of the wrench against the preferred thrusts, beside Wv.
     wu : float or (n,) array, default 1
-        Weight of each deviation from a preferred thrust, positive, at most 1e4 times each other.
+        Weight of each deviation from a preferred thrust, as a share of h, positive, at most 1e4
+        times each other.
     wv : sequence of str or (m,) array, default ('thrust 100', 'roll 1000', 'pitch 1000', 'yaw 1')
-        Weights of the axes; an axis that is not named has the weight 1.
+        Weights of the errors of the axes, as shares of r; an axis that is not named has the
+        weight 1.
     preferred : {'zero', 'minimum', 'middle'} or (n,) array, default 'zero'
         f_p: zero, the lower bounds, the middles of the bounds, or the thrusts [N].
 
@@ -81,8 +89,8 @@ class WeightedLeastSquares(Allocator):
     """
 
     solves = (
-        'min |Wu (f - f_p)|^2 + gamma |Wv (Gamma f - u)|^2 within the bounds, by an '
-        'active set (as in Paparazzi)'
+        'min |Wu (f - f_p) / h|^2 + gamma |Wv (Gamma f - u) / r|^2 within the bounds, with half '
+        'ranges h and r, by an active set (as in Paparazzi)'
     )
 
     takes_vectors = True
@@ -91,29 +99,33 @@ class WeightedLeastSquares(Allocator):
     settings: WeightedLeastSquaresSettings
 
     def _set_up(self) -> None:
-        problem = self.problem
-        self.wu = problem.spread('wu', self.settings.wu)
-        self.wv = _weights(self.settings.wv, problem.axes)
+        problem, sets = self.problem, self.problem.sets
+        wu = problem.spread('wu', self.settings.wu)
+        wv = np.sqrt(self.settings.gamma) * _weights(self.settings.wv, problem.axes)
         self.preferred = _preferred(self.settings.preferred, problem)
-        self._scale = np.sqrt(self.settings.gamma) * self.wv
-        if self._scale.max() > RATIO_MAX * self.wu.min():
+        if wv.max() > RATIO_MAX * wu.min():
             raise ParameterError(
-                f'wv: sqrt(gamma) Wv, up to {self._scale.max():g}, is more than {RATIO_MAX:g} '
-                f'times Wu, {self.wu.min():g}, too much for the digits of the thrusts'
+                f'wv: sqrt(gamma) Wv, up to {wv.max():g}, is more than {RATIO_MAX:g} '
+                f'times Wu, {wu.min():g}, too much for the digits of the thrusts'
             )
-        self._matrix = np.vstack([self._scale[:, None] * problem.gamma, np.diag(self.wu)])
+        # All components of a vector have the range along its axis.
+        half, extent = problem.half_range[sets.first][sets.owners], problem.extent
+        half = np.where(half > 0.0, half, 1.0)
+        extent = np.where(extent > UNITS_MIN * extent.max(), extent, 1.0)
+        self._wu, self._scale = wu / half, wv / extent
+        self._matrix = np.vstack([self._scale[:, None] * problem.gamma, np.diag(self._wu)])
         self._lengths = np.sqrt((self._matrix**2).sum(axis=0))
         self._solve = self._over_box
-        if isinstance(problem.sets, ConvexSets):
+        if isinstance(sets, ConvexSets):
             if isinstance(self.settings.preferred, str):
                 # Vectors cannot be preferred outside of their sets.
                 self.preferred = constant(problem.clip(self.preferred))
             # What the wrench misses is one more effector for each axis, as good as unbounded.
-            slack = np.diag(1.0 / np.maximum(self._scale, FREE))
+            slack = np.diag(extent / np.maximum(wv, FREE))
             ends = [Interval(-1e9, 1e9)] * len(problem.axes)
             self._newton = sets_newton(
-                np.hstack([problem.gamma, slack]), ConvexSets([*problem.sets.sets, *ends]),
-                np.concatenate([self.wu, np.ones(len(ends))]),
+                np.hstack([problem.gamma, slack]), ConvexSets([*sets.sets, *ends]),
+                np.concatenate([self._wu, np.ones(len(ends))]),
                 np.concatenate([self.preferred, np.zeros(len(ends))]),
             )
             self._solve = self._over_sets
@@ -130,7 +142,7 @@ class WeightedLeastSquares(Allocator):
         problem, matrix = self.problem, self._matrix
         low, high = problem.lower, problem.upper
         thrusts = problem.middle.copy()
-        target = np.concatenate([self._scale * u, self.wu * self.preferred])
+        target = np.concatenate([self._scale * u, self._wu * self.preferred])
         residual = target - matrix @ thrusts
         # +1 at an active upper bound, -1 at a lower one; fixed rotors stay out of the problem.
         active = np.zeros(problem.n)
