@@ -1,3 +1,4 @@
+import json
 import re
 import sys
 from copy import copy
@@ -26,16 +27,14 @@ mujoco = ['mujoco>=3.2']
 studies = ['matplotlib>=3.6', 'pandas>=2.1', 'tqdm>=4.66']
 cluster = ['distributed>=2024.1']
 # The exact allocator in C; without a compiler the package installs all the same, and uses NumPy.
-exact = ('exact', 'least_norm', 'priorities', 'priorities_wide', 'facet', 'explanation', 'module')
-# The detector of rotor failures, and the allocator of rotors that tilt.
-detector = ('detector', 'detector_module')
+kernel = f'{package}/kernel'
+files = json.loads((root / kernel / 'files.json').read_text(encoding='utf-8'))
 commands_max = [('CA_COMMANDS', '1000')]  # as in ca_ros/detection/motor_model.py
-vectored = ('vectored', 'vectored_newton', 'vectored_priorities', 'vectored_module')
 kernels = [
     Extension(
         f'{package}.kernel._{name}',
-        [f'{package}/kernel/{part}.c' for part in parts],
-        depends=sorted(glob(f'{package}/kernel/*.h')),
+        [f'{kernel}/{file}' for file in [*files[library]['sources'], module]],
+        depends=sorted(glob(f'{kernel}/*.h')),
         define_macros=[('CA_MODULE', f'_{name}'), *macros],
         # No fused multiplications: all machines are to give the same bits. No vectors: loops have
         # few turns. No debug information: it has the paths of the machine that builds.
@@ -43,15 +42,16 @@ kernels = [
             '-std=c99', '-O3', '-fno-tree-loop-vectorize', '-ffp-contract=off', '-g0'],
         optional=True,
     )
-    for name, parts, macros in (
-        ('double', exact, []),
+    for name, library, module, macros in (
+        ('double', 'exact', 'module.c', []),
         # Loops of constant length are faster: vehicles with upright rotors have four axes.
-        ('double_4', exact, [('CA_M', '4'), ('CA_FIXED_AXES', None)]),
-        ('single', exact, [('CA_FLOAT', None)]),
-        ('detector', detector, commands_max),
-        ('detector_single', detector, [('CA_FLOAT', None), *commands_max]),
-        ('vectored', vectored, []),
-        ('vectored_single', vectored, [('CA_FLOAT', None)]),
+        ('double_4', 'exact', 'module.c', [('CA_M', '4'), ('CA_FIXED_AXES', None)]),
+        ('single', 'exact', 'module.c', [('CA_FLOAT', None)]),
+        ('detector', 'detector', 'detector_module.c', commands_max),
+        ('detector_single', 'detector', 'detector_module.c',
+         [('CA_FLOAT', None), *commands_max]),
+        ('vectored', 'vectored', 'vectored_module.c', []),
+        ('vectored_single', 'vectored', 'vectored_module.c', [('CA_FLOAT', None)]),
     )
 ]
 
@@ -61,7 +61,7 @@ class BuildKernels(build_ext):
 
     def run(self):
         super().run()
-        if not all(Path(self.get_ext_fullpath(kernel.name)).exists() for kernel in kernels):
+        if not all(Path(self.get_ext_fullpath(each.name)).exists() for each in kernels):
             print(
                 f'{package}: the kernel in C was not built, so exact runs in NumPy, more slowly; '
                 'to have it, install gcc and the headers of Python (apt: gcc python3-dev)',
@@ -133,7 +133,7 @@ setup(
     package_data={
         package: [
             'explorer.html', 'py.typed', 'studies/templates/*',
-            'firmware/templates/*', 'kernel/*.[ch]', 'process/discovery.xml',
+            'firmware/templates/*', 'kernel/*.[ch]', 'kernel/*.json', 'process/discovery.xml',
         ],
     },
     ext_modules=kernels,

@@ -9,8 +9,10 @@ const here = import.meta.dirname, root = join(here, '..'), kernel = join(root, '
 const page = process.argv[2] ?? join(root, 'ca_ros', 'explorer.html');
 const folder = mkdtempSync(join(tmpdir(), 'explorer-')), wasm = join(folder, 'kernel.wasm');
 const python = process.env.PYTHON ?? join(root, '.venv', 'bin', 'python');
-const parts = ['least_norm.c', 'priorities.c', 'facet.c', 'explanation.c'].map((name) => join(kernel, name));
 const read = (...names) => readFileSync(join(...names), 'utf8');
+const {sources} = JSON.parse(read(kernel, 'files.json')).exact;
+const parts = sources.filter((name) => name !== 'exact.c') // binding.c includes it
+  .map((name) => join(kernel, name));
 try {
   execFileSync('clang', ['--target=wasm32', '-std=c99', '-O2', '-ffreestanding', '-nostdlib',
     '-ffp-contract=off', '-mbulk-memory', '-fvisibility=hidden', '-Wall', '-Wextra', '-Werror',

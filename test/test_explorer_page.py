@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import ca_ros
-from ca_ros import Vehicle
+from ca_ros import Exact, Vehicle
 from ca_ros.allocation.slew import reached
+from ca_ros.firmware.export import FILES, KERNEL
 from ca_ros.problem.vehicle_problem import VehicleProblem
 
-KERNEL = Path(ca_ros.__file__).parent / 'kernel'
 BINDING = Path(__file__).resolve().parents[1] / 'explorer' / 'flight.c'  # includes binding.c
 
 
@@ -23,7 +22,7 @@ def library(tmp_path_factory):
     if not (shutil.which('gcc') and BINDING.is_file()):
         pytest.skip('needs gcc and the sources of the explorer')
     target = tmp_path_factory.mktemp('explorer') / 'binding.so'
-    parts = (KERNEL / f'{name}.c' for name in ('least_norm', 'priorities', 'facet', 'explanation'))
+    parts = (KERNEL / name for name in FILES['exact']['sources'] if name != 'exact.c')
     subprocess.run(['gcc', '-std=c99', '-O1', '-shared', '-fPIC', f'-I{KERNEL}', BINDING,
                     *parts, '-lm', '-o', target], check=True)
     return ctypes.CDLL(target)
@@ -63,7 +62,7 @@ def test_rotors_reach_from_hover_what_their_rates_allow(name, elapsed, library):
     for field, values in whole.items():
         numbers(library, field, len(values), 'int')[:] = list(values)
     assert library.prepare_vehicle() == 0
-    hover = ca_ros.Exact(vehicle).allocate(problem.hover).speeds
+    hover = Exact(vehicle).allocate(problem.hover).speeds
     limits = reached(hover, elapsed, rate, rate, vehicle.speed_min, vehicle.speed_max)
     for bound, speeds in zip(('lower', 'upper'), limits, strict=True):
         np.testing.assert_allclose(

@@ -94,7 +94,7 @@ def test_the_wheel_has_the_package_and_what_ros_needs(wheel):
     modules = {
         str(path.relative_to(ROOT)) for path in (ROOT / 'ca_ros').rglob('*.py')}
     assert 'pytest_ca_ros.py' in names
-    library = {str(path.relative_to(ROOT)) for path in (ROOT / 'ca_ros/kernel').glob('*.[ch]')}
+    library = {str(path.relative_to(ROOT)) for path in (ROOT / 'ca_ros/kernel').glob('*.[chj]*')}
     assert len(library) > 4
     assert modules | library | {
         'ca_ros/py.typed', 'ca_ros/studies/templates/static.md',

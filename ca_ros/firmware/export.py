@@ -1,5 +1,6 @@
 """The files of an exported vehicle."""
 
+import json
 import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,23 +23,15 @@ from ca_ros.firmware.worst_case import Bounds, Worst
 from ca_ros.problem.controllability import unit
 from ca_ros.settings import ParameterError
 
-KERNEL_FILES = (
-    *('exact.h', 'problem.h', 'least_norm.h', 'priorities.h', 'facet.h', 'explanation.h',
-      'numbers.h'),
-    *('exact.c', 'least_norm.c', 'priorities.c', 'priorities_wide.c', 'facet.c',
-      'explanation.c'),
-)
-TILTING_FILES = (
-    *('vectored.h', 'vectored_problem.h', 'vectored_newton.h', 'vectored_priorities.h'),
-    *('problem.h', 'numbers.h', 'vectored.c', 'vectored_newton.c', 'vectored_priorities.c'),
-)
-DETECTOR_FILES = ('detector.h', 'detector.c')
+KERNEL = Path(kernel.__file__).parent
+FILES = json.loads((KERNEL / 'files.json').read_text(encoding='utf-8'))
 FIXED = ('Makefile', 'check.c', 'startup.c', 'mps2.ld')
 GENERATED = ('configuration.h', 'golden.h', 'vehicle.mk', 'worst_case.c')
 HEADERS = ('errno', 'float', 'limits', 'math', 'stdint', 'stdio', 'stdlib', 'string', 'time')
 TAKEN = {
     *('ca', *HEADERS),
-    *(Path(file).stem for file in (*KERNEL_FILES, *TILTING_FILES, *FIXED, *GENERATED)),
+    *(Path(file).stem for file in (*FIXED, *GENERATED)),
+    *(Path(file).stem for kind in FILES.values() for files in kind.values() for file in files),
 }
 """Names of other files and of C's headers."""
 
@@ -86,7 +79,8 @@ def write(
     if detector:
         write_detector(detector, name, firmware.precision, out)
     kind, tilting = firmware.template, not firmware.has_margin
-    _copy(Path(kernel.__file__).parent, TILTING_FILES if tilting else KERNEL_FILES, out)
+    library = FILES['vectored' if tilting else 'exact']
+    _copy(KERNEL, [*library['headers'], *library['sources']], out)
     _copy(Path(__file__).with_name('templates'), FIXED, out)
     problem, exact, single = firmware.problem, firmware.settings.exact, firmware.single
     measured = f'{name}_allocate{"_within" * (firmware.rates is not None)}'
@@ -99,7 +93,7 @@ def write(
     }
     _fill(
         targets, name, firmware.precision, out, firmware=firmware, axes=problem.axes,
-        detector=detector, tilting=tilting,
+        sources=library['sources'], detector=detector, tilting=tilting,
         commanded=[row + [-1] * (len(problem.axes) - len(row)) for row in firmware.rows],
         measured=measured, footprint=partial(measure, out, measured, core),
         worst=worst, instructions=partial(instructions, out),
@@ -122,7 +116,7 @@ def write_detector(detector: FailureDetector, name: str, precision: str, out: Pa
         If the extension module is not built.
     OSError
     """
-    _copy(Path(kernel.__file__).parent, DETECTOR_FILES, out)
+    _copy(KERNEL, [*FILES['detector']['headers'], *FILES['detector']['sources']], out)
     _copy(Path(__file__).with_name('templates'), ['check_detector.c'], out)
     model = {
         key: np.asarray(each, DTYPES[precision]).astype(float)

@@ -20,13 +20,12 @@ from shutil import which
 import numpy as np
 from pages import DOCS, fill, telling
 
-import ca_ros
 from ca_ros.arrays import Array
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.firmware import golden
 from ca_ros.firmware.command import checked
 from ca_ros.firmware.detector import STATES
-from ca_ros.firmware.export import write, write_detector
+from ca_ros.firmware.export import FILES, KERNEL, write, write_detector
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.tilting import firmware_of
@@ -41,7 +40,6 @@ sys.path.append(str(DOCS.parent))
 from benchmarks.c_code import header, osqp_code
 
 PROGRAM = Path(__file__).with_name('instructions.c')
-KERNEL = Path(ca_ros.__file__).parent / 'kernel'
 
 VEHICLES = ('hexarotor', 'octorotor', 'hexarotor_tilted')
 KINDS = ('inside', 'boundary', 'outside')
@@ -123,11 +121,9 @@ def build(problem: AllocationProblem, method: str, folder: Path) -> Path:
     parts = given(problem, folder)
     if method == 'kernel':
         parts += ['-DCOUNT_KERNEL', '-DCA_FLOAT', '-DCA_FIXED', f'-I{KERNEL}']
-        names = 'exact', 'least_norm', 'priorities', 'priorities_wide', 'facet'
-        sources = [KERNEL / f'{name}.c' for name in names]
         parts += [
-            compiled(folder / f'{source.stem}.o', *KERNEL_FLAGS, *parts, '-c', source)
-            for source in sources
+            compiled(folder / f'{source}.o', *KERNEL_FLAGS, *parts, '-c', KERNEL / source)
+            for source in FILES['exact']['sources']
         ]
     elif method == 'osqp':
         parts += ['-DWITH_OSQP', *osqp_code(problem, folder / 'osqp', use_float=True)]

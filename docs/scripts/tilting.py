@@ -193,8 +193,8 @@ def instructions(name: str, size: int) -> tuple[np.ndarray, np.ndarray]:
         options = '-DCA_FLOAT', '-DCA_FIXED', '-DCOUNT_VECTORED', f'-I{counting.KERNEL}'
         program = counting.compiled(
             folder / 'vectored.elf', *counting.KERNEL_FLAGS, *counting.given(boxes, folder),
-            *options, counting.PROGRAM, counting.KERNEL / 'vectored.c',
-            counting.KERNEL / 'vectored_newton.c', counting.KERNEL / 'vectored_priorities.c',
+            *options, counting.PROGRAM,
+            *(counting.KERNEL / file for file in counting.FILES['vectored']['sources']),
         )
         found = counting.run(program, drawn)
     print(f'{name}: exact {np.mean(found[:, 1] == 0):.3f}, boxes {np.mean(box[:, 1] == 0):.3f}; '

@@ -1,6 +1,6 @@
 # The vehicle of this folder, for the Makefile.
 NAME := {{ name }}
-KERNEL := {{ 'vectored vectored_newton vectored_priorities' if tilting else 'exact least_norm priorities priorities_wide facet explanation' }}
+KERNEL := {{ sources | join(' ') | replace('.c', '') }}
 # Not empty if the detector of rotor failures is here, too.
 DETECTOR := {{ 'yes' if detector }}
 # Double precision is for cores that have it in hardware.
