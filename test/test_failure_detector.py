@@ -79,7 +79,8 @@ def test_an_arm_is_named_until_it_shows_which_rotor_has_failed(vehicle, rotor, a
     case = Case.load(vehicle, REALISTIC)
     lost = without(case.vehicle.n, **{f'rotor_{rotor}': 0.0})
     flight, detection = flown(case, {2.0: lost}, 5.0)
-    (first, both), (_, one) = detection.found
+    (first, both, arms), (_, one, none) = detection.found
+    assert (arms, none) == ((arm,), ())
     assert first < 2.1e9
     np.testing.assert_array_equal(
         both, without(case.vehicle.n, **{f'rotor_{each}': 0.5 for each in arm}))

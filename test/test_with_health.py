@@ -6,7 +6,16 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from ca_ros import ALLOCATORS, AllocationProblem, Exact, ParameterError, Status, Vehicle, audit
+from ca_ros import (
+    ALLOCATORS,
+    AllocationProblem,
+    Exact,
+    ParameterError,
+    Status,
+    Vehicle,
+    audit,
+    make_allocator,
+)
 from ca_ros.allocation.reduced import allocator_for
 from strategies import length
 
@@ -124,10 +133,38 @@ def test_a_lost_axis_is_served_last_whatever_the_order():
     np.testing.assert_allclose(answer.residual[:3], 0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize('method', ['exact', 'pseudo_inverse', 'weighted_least_squares'])
+@pytest.mark.parametrize(('name', 'arm'), [('x8', (3, 4)), ('y6', (5, 6))])
+def test_an_arm_of_which_one_rotor_has_failed_is_one_effector(name, arm, method):
+    vehicle, rng = Vehicle.load(name), np.random.default_rng(3)
+    pair = [rotor - 1 for rotor in arm]
+    half = np.where(np.isin(np.arange(vehicle.n), pair), 0.5, 1.0)
+    sound = make_allocator(method, vehicle)
+    allocator = sound.with_health(half, [arm])
+    for _ in range(50):
+        answer = allocator.allocate(sound.problem.hover + rng.normal(0.0, 0.05, 4))
+        np.testing.assert_allclose(answer.thrusts[pair[0]], answer.thrusts[pair[1]], atol=1e-12)
+        # Whichever of both has failed, only the yaw is wrong, within the bound.
+        expected = allocator.problem.gamma @ answer.thrusts
+        for lost in pair:
+            true = vehicle.with_health(health_without(vehicle.n, lost + 1))
+            error = true.wrenches[[2, 3, 4, 5]] @ true.thrusts(answer.speeds) - expected
+            np.testing.assert_allclose(error[:3], 0.0, atol=1e-10)
+            bound = vehicle.torque_coefficient[lost] / vehicle.thrust_coefficient[lost]
+            assert abs(error[3]) <= bound * 2.0 * answer.thrusts[lost] + 1e-9
+    # The health alone says that both work, at half of their thrust.
+    assert sound.with_health(half).problem.gamma[3, pair].all()
+    again = allocator.with_health(1.0)
+    np.testing.assert_array_equal(again.problem.gamma, sound.problem.gamma)
+
+
 def test_misuse_is_refused():
     allocator = Exact(Vehicle.load('hexarotor'))
     with pytest.raises(ParameterError, match=r'expected 1 or 6 numbers in \[0, 1\]'):
         allocator.with_health([1.0, 0.0])
+    for arm, health in (((1, 7), 0.5), ((2, 2), 0.5), ((1, 2), [0.5, 0.4, 1.0, 1.0, 1.0, 1.0])):
+        with pytest.raises(ParameterError, match='expected two rotors with the same'):
+            allocator.with_health(health, [arm])
     with pytest.raises(TypeError, match='no vehicle'):
         Exact(AllocationProblem([[1.0, 1.0]], 0.0, 1.0)).with_health([1.0, 0.0])
     with pytest.raises(TypeError, match=r"by keyword \(order, .* got 'scale'"):

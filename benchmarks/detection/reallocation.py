@@ -10,6 +10,7 @@ from benchmarks.detection.conditions import FLOWN, LOSSES, Condition
 from benchmarks.detection.flights import DURATION, Job, Setup, rng_of
 from benchmarks.detection.plant import GROUNDED, PERIOD, Plant
 from ca_ros import Exact
+from ca_ros.allocation.reconfiguration import Arms
 from ca_ros.arrays import Array
 from ca_ros.problem.audit import accept
 from ca_ros.vehicle.vehicle import Vehicle
@@ -45,21 +46,21 @@ class Allocation:
     """`exact` for the health that is told; each health is set up once."""
 
     def __init__(self, vehicle: Vehicle) -> None:
-        self._vehicle, self._made = vehicle, dict[bytes, Callable[[Array], Array]]()
+        self._vehicle, self._made = vehicle, dict[Any, Callable[[Array], Array]]()
         self.tell(np.ones(vehicle.n))
 
-    def tell(self, health: Array) -> None:
-        """Allocate for a health (n,) from now on."""
-        key = np.asarray(health, float).tobytes()
+    def tell(self, health: Array, arms: Arms = ()) -> None:
+        """Allocate for a health (n,) and failed arms from now on."""
+        key = np.asarray(health, float).tobytes(), arms
         if key not in self._made:
             try:
-                self._made[key] = self._make(health)
+                self._made[key] = self._make(health, arms)
             except ValueError:
                 return  # nothing can be made for what is left, so the last one stays, as in nodes
         self.speeds = self._made[key]
 
-    def _make(self, health: Array) -> Callable[[Array], Array]:
-        exact = Exact(accept(self._vehicle.with_health(health), 'drop').independent)
+    def _make(self, health: Array, arms: Arms) -> Callable[[Array], Array]:
+        exact = Exact(accept(self._vehicle.with_health(health, arms), 'drop').independent)
         rows = [AXES.index(axis) for axis in exact.problem.axes]
         return lambda wrench: np.asarray(exact.allocate(wrench[rows]).speeds)
 
@@ -84,7 +85,7 @@ def flown(setup: Setup, condition: Condition, way: str, seed: int) -> Flown:
             failed = i
         if detector is not None:
             if observe(setup, detector, row):
-                allocation.tell(detector.health)
+                allocation.tell(detector.health, detector.failed_arms)
                 named = named or tuple(np.flatnonzero(detector.health < 1.0).tolist())
         elif failed >= 0:
             since = round((i - failed) * PERIOD, 6)
@@ -140,7 +141,7 @@ def acting(setup: Setup, name: str, seed: int, duration: float = DURATION) -> Ac
             new = np.array(detector.health)
             found.names += int(((new < 1.0) & (health == 1.0)).sum())
             health = new
-            allocation.tell(health)
+            allocation.tell(health, detector.failed_arms)
         command = idle if row['mode'] == GROUNDED else allocation.speeds(wrench)
         detector.command(int(row['time']), command)
         plant.act(command)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -116,7 +117,9 @@ class Allocator(ABC):
         """The axes of the problem that the rotors cannot control, or not while they hover."""
         return self.audit.lost
 
-    def with_health(self, health: ArrayLike) -> Allocator:
+    def with_health(
+        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = ()
+    ) -> Allocator:
         """Return an allocator of the same method and settings for other rotor health.
 
         The wrench keeps its axes, those of `problem`.  Axes that are lost with this health leave
@@ -129,6 +132,9 @@ class Allocator(ABC):
         health : float or (n,) array
             Share of its thrust that each rotor still gives, in [0, 1].  It replaces the health of
             the vehicle: all ones give the allocator of the sound vehicle again.
+        failed_arms : pairs of int, optional
+            Coaxial pairs of which one rotor has failed, and which one is unknown: see
+            `Vehicle.with_health`.
 
         Returns
         -------
@@ -137,7 +143,7 @@ class Allocator(ABC):
         Raises
         ------
         ParameterError
-            If the health is not 1 or n numbers in [0, 1].
+            If the health is not 1 or n numbers in [0, 1], or an arm is wrong.
         TypeError
             If the problem has no vehicle.
 
@@ -151,7 +157,7 @@ class Allocator(ABC):
         """
         from ca_ros.allocation import after_failures
 
-        report = audit(vehicle_of(self.problem).with_health(health))
+        report = audit(vehicle_of(self.problem).with_health(health, failed_arms))
         return after_failures(type(self), report, self.settings)
 
     def within_rates(

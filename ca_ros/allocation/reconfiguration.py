@@ -23,6 +23,8 @@ VOLTAGE_STEP = 0.005  # relative change of the voltage from which the bounds fol
 
 HEALTH = 'rotors.health'
 
+Arms = tuple[tuple[int, int], ...]
+
 Made = TypeVar('Made')
 
 
@@ -30,8 +32,9 @@ Made = TypeVar('Made')
 class Configuration(Generic[Made]):
     """What was made, and what for; it is replaced as a whole.
 
-    - `settings`, `health` (n,), `stuck`, `voltage` [V]: the belief; `stuck` has by rotor, from 1,
-      the angle at which its servo sticks [rad]; the voltage is None if it is unknown
+    - `settings`, `health` (n,), `stuck`, `arms`, `voltage` [V]: the belief; `stuck` has by rotor,
+      from 1, the angle at which its servo sticks [rad]; `arms` are the `failed_arms` of
+      `Vehicle.with_health`; the voltage is None if it is unknown
     - `audit`: of the vehicle as it is believed to be
     - `built`: for that audit
     - `duration`: the time that audit and making took [s]
@@ -40,6 +43,7 @@ class Configuration(Generic[Made]):
     settings: Any
     health: Array
     stuck: dict[int, float]
+    arms: Arms
     voltage: float | None
     audit: Audit
     built: Made
@@ -52,7 +56,8 @@ class Reconfiguration(Generic[Made]):
     The newest news of each source counts: the settings, with the health and the stuck servos of
     their group `rotors`, the health and the stuck servos that other sources report, and the
     voltage.  The health of a rotor is the least over the sources, and a servo sticks if a source
-    says so.
+    says so.  An arm of which one rotor has failed is one effector as long as its rotors have the
+    same health.
 
     Parameters
     ----------
@@ -76,6 +81,8 @@ class Reconfiguration(Generic[Made]):
         By source the newest health (n,).
     reported_stuck : dict
         By source the newest stuck servos: by rotor, from 1, the angle [rad].
+    reported_arms : dict
+        By source the newest arms of which one rotor has failed.
 
     Raises
     ------
@@ -93,6 +100,7 @@ class Reconfiguration(Generic[Made]):
         self._declared = Vehicle.from_settings(*given)
         self.reported: dict[str, Array] = {}
         self.reported_stuck: dict[str, dict[int, float]] = {}
+        self.reported_arms: dict[str, Arms] = {}
         self.voltage: float | None = None
         self.fault = ''
         self._failed: object = None
@@ -100,31 +108,36 @@ class Reconfiguration(Generic[Made]):
         report = accept(self._declared)
         found = make(settings, report, None) if made is None else made
         self.in_force: Configuration[Made] = Configuration(
-            settings, self._declared.health, self._stuck(settings), None, report, found,
+            settings, self._declared.health, self._stuck(settings), (), None, report, found,
             perf_counter() - begun)
 
     def report(
-        self, source: str, health: ArrayLike, stuck: Mapping[int, float] | None = None
+        self, source: str, health: ArrayLike, stuck: Mapping[int, float] | None = None,
+        arms: Arms = (),
     ) -> bool:
         """Take the health (n,) that a source reports; return whether something new is in force.
 
-        `stuck` are the servos that it reports to stick: by rotor, from 1, the angle [rad].  Raises
-        what `check` raises.
+        `stuck` are the servos that it reports to stick: by rotor, from 1, the angle [rad].  `arms`
+        are the `failed_arms` of `Vehicle.with_health`.  Raises what `check` raises.
         """
-        self.reported[source] = self.check(health, stuck)
-        self.reported_stuck[source] = dict(stuck or {})
+        self.reported[source] = self.check(health, stuck, arms)
+        self.reported_stuck[source], self.reported_arms[source] = dict(stuck or {}), arms
         return self._follow()
 
-    def check(self, health: ArrayLike, stuck: Mapping[int, float] | None = None) -> Array:
+    def check(
+        self, health: ArrayLike, stuck: Mapping[int, float] | None = None, arms: Arms = ()
+    ) -> Array:
         """Return the health (n,) of a report; see `report`.
 
-        Raises a ParameterError if it is not n numbers in [0, 1], or a servo cannot stick there.
+        Raises a ParameterError if it is not n numbers in [0, 1], a servo cannot stick there, or an
+        arm is not of two rotors.
         """
         shares, n = floats(health), self._declared.n
         if shares.shape != (n,) or not ((shares >= 0.0) & (shares <= 1.0)).all():
             raise ParameterError(f'rotor health {shares}: expected {n} numbers in [0, 1]')
         for rotor, angle in (stuck or {}).items():
             self._declared.with_stuck_servo(rotor, angle)
+        self._declared.with_health(1.0, arms)
         return shares
 
     def measure(self, voltage: float) -> bool:
@@ -145,15 +158,16 @@ class Reconfiguration(Generic[Made]):
         """
         now = self.in_force
         health, stuck, voltage = self._health(settings), self._stuck(settings), self._voltage()
-        if not self._differs(settings, health, stuck, voltage):
+        arms = self._arms(health)
+        if not self._differs(settings, health, stuck, arms, voltage):
             return now if settings is now.settings else replace(now, settings=settings)
         begun = perf_counter()
         vehicle = self._declared.with_stuck_servos(
-            [x for pair in stuck.items() for x in pair] or 0.0).with_health(health)
+            [x for pair in stuck.items() for x in pair] or 0.0).with_health(health, arms)
         report = accept(vehicle if voltage is None else vehicle.at_voltage(voltage), 'drop')
         made = self._make(settings, report, now.built)
         return Configuration(
-            settings, health, stuck, voltage, report, made, perf_counter() - begun)
+            settings, health, stuck, arms, voltage, report, made, perf_counter() - begun)
 
     def apply(self, configuration: Configuration[Made]) -> None:
         """Put in force what was prepared last."""
@@ -171,7 +185,8 @@ class Reconfiguration(Generic[Made]):
     def _follow(self) -> bool:
         """Put the newest belief in force; if it cannot be made, say so in `fault`."""
         settings = self.in_force.settings
-        belief = self._health(settings).tobytes(), self._stuck(settings), self._voltage()
+        health = self._health(settings)
+        belief = health.tobytes(), self._stuck(settings), self._arms(health), self._voltage()
         if belief == self._failed:
             return False
         try:
@@ -188,6 +203,11 @@ class Reconfiguration(Generic[Made]):
         for each in self.reported.values():
             health = np.minimum(health, each)
         return health
+
+    def _arms(self, health: Array) -> Arms:
+        """Return the arms by any source whose rotors have the same health of all sources (n,)."""
+        arms = [arm for each in self.reported_arms.values() for arm in each]
+        return tuple(dict.fromkeys((i, j) for i, j in arms if health[i - 1] == health[j - 1]))
 
     def _stuck(self, settings: Any) -> dict[int, float]:
         """Return the servos that stick by any source; a ParameterError if there are none such."""
@@ -206,11 +226,13 @@ class Reconfiguration(Generic[Made]):
         return newest if abs(newest - held) > VOLTAGE_STEP * held else held
 
     def _differs(
-        self, settings: Any, health: Array, stuck: dict[int, float], voltage: float | None
+        self, settings: Any, health: Array, stuck: dict[int, float], arms: Arms,
+        voltage: float | None,
     ) -> bool:
         """Return whether settings and belief ask for another build than that in force."""
         now = self.in_force
-        if (stuck, voltage) != (now.stuck, now.voltage) or not np.array_equal(health, now.health):
+        others = stuck, arms, voltage
+        if others != (now.stuck, now.arms, now.voltage) or not np.array_equal(health, now.health):
             return True
         if settings is now.settings:
             return False

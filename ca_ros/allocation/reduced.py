@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -159,7 +159,9 @@ class Reduced(Allocator):
             joint_gain=spread(part.joint_gain, 0.0),
             airmode_blocks=spread(part.airmode_blocks, 0), airmode=spread(part.airmode, 0.0))
 
-    def with_health(self, health: ArrayLike) -> Allocator:
+    def with_health(
+        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = ()
+    ) -> Allocator:
         """Raise a TypeError: ask the allocator of the sound vehicle."""
         raise TypeError('with_health: ask the allocator of the vehicle, before within_rates')
 
@@ -179,7 +181,9 @@ class Failed(Reduced):
         lost = [axis in self.audit.lost for axis in self.problem.axes]
         return replace(found, served=np.where(lost, np.nan, found.served))
 
-    def with_health(self, health: ArrayLike) -> Allocator:
+    def with_health(
+        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = ()
+    ) -> Allocator:
         """Return the same method for other rotor health; see `Allocator.with_health`."""
-        report = audit(vehicle_of(self.problem).with_health(health))
+        report = audit(vehicle_of(self.problem).with_health(health, failed_arms))
         return after_failures(self._kind, report, self.settings)

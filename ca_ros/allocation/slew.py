@@ -1,5 +1,6 @@
 """Slew limits: allocation within bounds that move with the last command."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -101,9 +102,12 @@ class SlewLimited(Allocator):
             raise ValueError(f'period: expected a time from 0 on [s], got {period!r}')
         return self.allocator.allocate_within(u, *self.reachable(command, seconds))
 
-    def with_health(self, health: ArrayLike) -> Allocator:
+    def with_health(
+        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = ()
+    ) -> Allocator:
         """Return the same for other rotor health; see `Allocator.with_health`."""
-        return type(self)(self.allocator.with_health(health), self.rates, self.braking)
+        changed = self.allocator.with_health(health, failed_arms)
+        return type(self)(changed, self.rates, self.braking)
 
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)

@@ -107,6 +107,11 @@ class FailureDetector:
         return np.where(self._stuck, 0.0, self._delivered)
 
     @property
+    def failed_arms(self) -> tuple[tuple[int, int], ...]:
+        """The named arms: rotors, from 1, of which one has failed, and which one is unknown."""
+        return tuple(sorted((i + 1, j + 1) for i, j in self._arms))
+
+    @property
     def probabilities(self) -> Array:
         """Probabilities (n + 1,): that each rotor has failed, now or before; of a disturbance."""
         found = np.append(self._found, 0.0)

@@ -47,6 +47,12 @@ class KernelDetector:
         return health
 
     @property
+    def failed_arms(self) -> tuple[tuple[int, int], ...]:
+        """The named arms: rotors, from 1, of which one has failed, and which one is unknown."""
+        partners = [partner for _, _, partner in self._kernel.failures()]
+        return tuple((i + 1, j + 1) for i, j in enumerate(partners) if j > i)
+
+    @property
     def probabilities(self) -> Array:
         """Probabilities (n + 1,): that each rotor has failed, now or before; of a disturbance."""
         probabilities = np.empty(self.vehicle.n + 1)
@@ -56,12 +62,12 @@ class KernelDetector:
     @property
     def since(self) -> list[int | None]:
         """When each rotor was found to have failed [ns]."""
-        return [time if evidence else None for time, evidence in self._kernel.failures()]
+        return [time if evidence else None for time, evidence, _ in self._kernel.failures()]
 
     @property
     def evidence(self) -> list[str]:
         """What each failure was found by."""
-        return [EVIDENCE[evidence] for _, evidence in self._kernel.failures()]
+        return [EVIDENCE[evidence] for _, evidence, _ in self._kernel.failures()]
 
     @property
     def suspect(self) -> int | None:

@@ -156,8 +156,9 @@ static PyObject *failures(object *self, PyObject *unused)
     (void)unused;
     PyObject *list = PyList_New(rotors(self));
     for (int i = 0; list && i < rotors(self); i++) {
-        PyObject *item = Py_BuildValue("(Li)", (long long)self->detector.since[i],
-                                       self->detector.evidence[i]);
+        PyObject *item = Py_BuildValue("(Lii)", (long long)self->detector.since[i],
+                                       self->detector.evidence[i],
+                                       self->detector.arm[i] ? (int)self->model.partner[i] : -1);
         if (!item) {
             Py_CLEAR(list);
             break;
@@ -198,7 +199,7 @@ static PyMethodDef methods[] = {
     METHOD(probabilities, METH_O,
            "probabilities(array): write those of each failure and of a disturbance"),
     METHOD(status, METH_NOARGS, "status(): return the suspect or -1, and whether it stands"),
-    METHOD(failures, METH_NOARGS, "failures(): return (since, evidence) of each rotor"),
+    METHOD(failures, METH_NOARGS, "failures(): return (since, evidence, partner in a named arm or -1) of each rotor"),
     {NULL, NULL, 0, NULL}};
 
 static PyTypeObject detector_type = {

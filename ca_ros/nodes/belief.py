@@ -14,7 +14,7 @@ from ca_ros.allocation.reconfiguration import Reconfiguration
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics, Level
-from ca_ros.nodes.messages import read_announcement, speeds_stamp
+from ca_ros.nodes.messages import failed_arms, read_announcement, speeds_stamp
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import Streams
 from ca_ros.nodes.topics import STANDING, standing
@@ -170,7 +170,8 @@ class Belief:
         self._diagnostics.warn('health', f'refused {why}')
 
     def _receive_health(self, message: Float64MultiArray) -> None:
-        if self._report(topics.ROTOR_HEALTH.name, np.array(message.data)):
+        arms = failed_arms(message)
+        if self._report(topics.ROTOR_HEALTH.name, np.array(message.data), None, arms):
             time = speeds_stamp(message)
             self._health_time = -1 if time is None else time
             self._answer()

@@ -2,7 +2,7 @@
 
 import re
 from array import array
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from struct import Struct
 from typing import Any, NamedTuple
 
@@ -19,6 +19,7 @@ TILT_ANGLE = 'tilt angle [rad]'  # label of the angles of servos
 NO_STAMP = 'no stamp'  # label of rotor speeds that answer no command
 
 DIGITS = re.compile('[0-9]{1,19}')
+ARM = re.compile('arm ([0-9]{1,4}) ([0-9]{1,4})')
 TIME_MAX = 2**31 * 1_000_000_000  # the end of the stamps of ROS [ns]
 
 HEADER, NUMBERS = Struct('<iII'), Struct('<6d')  # stamp, length of the frame; six numbers
@@ -74,6 +75,24 @@ def fill_speeds(message: Float64MultiArray, speeds: Array, time: int | None) -> 
     message.data = array('d', speeds.tobytes())
     message.layout.dim[1].label = NO_STAMP if time is None else f'stamp {time}'
     return message
+
+
+def health_message(health: Array, arms: Iterable[tuple[int, int]]) -> Float64MultiArray:
+    """Return the health (n,) of rotors, as a `speeds_message` to be filled.
+
+    For each arm of which one rotor has failed, and which one is unknown, the layout has a further
+    dimension with a label such as 'arm 1 5': see `Vehicle.with_health`.
+    """
+    message = speeds_message(health, None, 'rotor health')
+    message.layout.dim += [
+        MultiArrayDimension(label=f'arm {i} {j}', size=1, stride=1) for i, j in arms]
+    return message
+
+
+def failed_arms(message: Float64MultiArray) -> tuple[tuple[int, int], ...]:
+    """Return the arms of a `health_message`."""
+    found = (ARM.fullmatch(dimension.label) for dimension in message.layout.dim)
+    return tuple((int(arm[1]), int(arm[2])) for arm in found if arm)
 
 
 def speeds_stamp(message: Float64MultiArray) -> int | None:

@@ -54,14 +54,13 @@ class MonitorNode(Node):
         self._observed: int | None = None
         self._commanded: int | None = None
         self._settled = 0
-        self._logged_health: list[float] = []
+        self._published: object = None
         self.diagnostics = Diagnostics(self, 'detection', str(settings.vehicle.name))
         self._counts = self.diagnostics.counts
         self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._use)
         self._use()
         self._bounds = CommandBounds(self.belief.audit.vehicle)
         self._lag_check = LagCheck(self.belief.audit.vehicle, settings.detector)
-        self._message = messages.speeds_message(self.detector.health, None, 'rotor health')
         self.watchdog = CommandWatch(self, self.parameters, self.diagnostics, 'state')
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
         topic = topics.ROTOR_HEALTH
@@ -217,12 +216,12 @@ class MonitorNode(Node):
             self._publish(time)
 
     def _publish(self, time: int | None) -> None:
-        self._health.publish(messages.fill_speeds(self._message, self.detector.health, time))
-        health = self.detector.health.tolist()
-        if health != self._logged_health:
-            if self._logged_health:
+        health, arms = self.detector.health, self.detector.failed_arms
+        if (found := (health.tolist(), arms)) != self._published:
+            if self._published:
                 self.get_logger().error(f'rotor health {np.round(health, 2)}: {self.state()[1]}')
-            self._logged_health = health
+            self._message, self._published = messages.health_message(health, arms), found
+        self._health.publish(messages.fill_speeds(self._message, health, time))
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Forget all failures, but not those that the parameter announces."""

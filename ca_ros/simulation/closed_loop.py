@@ -21,8 +21,9 @@ from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
 from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, POSITION
 
-Found = list[tuple[int, Array]]
-"""The times [ns] at which the health changed, each with the new health (n,)."""
+Found = list[tuple[int, Array, tuple[tuple[int, int], ...]]]
+"""The times [ns] at which the health changed, each with the new health (n,) and the arms of which
+one rotor has failed."""
 
 Believed = Reconfiguration[tuple[Controller, Allocator]]
 
@@ -38,7 +39,8 @@ class Change:
     - `body`, `waypoint`: the new ones; None for those that stay
     - `announced`: the health (n,) that is announced from then on, and the servos that stick: by
       rotor, from 1, the angle [rad]
-    - `detected` (n,): the health that a detector reports from then on
+    - `detected`: the health (n,) that a detector reports from then on, and the arms of which one
+      rotor has failed
     - `reconfigure`: what these two need
     """
 
@@ -46,7 +48,7 @@ class Change:
     body: RigidBody | None = None
     waypoint: Waypoint | None = None
     announced: tuple[Array, Mapping[int, float]] | None = None
-    detected: Array | None = None
+    detected: tuple[Array, tuple[tuple[int, int], ...]] | None = None
     reconfigure: Reconfigure | None = None
 
 
@@ -81,7 +83,8 @@ class Pilot:
         if change.announced is not None:
             believed.report('announced', *change.announced)
         if change.detected is not None:
-            believed.report('detector', change.detected)
+            health, arms = change.detected
+            believed.report('detector', health, arms=arms)
         if believed.fault:
             raise ParameterError(believed.fault)
         self.controller, self.allocator = believed.in_force.built
@@ -102,8 +105,9 @@ class Detection:
         motion = velocity_in_body(state), state[ANGULAR_VELOCITY]
         if not self.detector.observe(time, state[ATTITUDE], *motion):
             return []
-        self.found.append((time, self.detector.health))
-        return [Change(time, detected=self.detector.health, reconfigure=self._reconfigure)]
+        found = self.detector.health, self.detector.failed_arms
+        self.found.append((time, *found))
+        return [Change(time, detected=found, reconfigure=self._reconfigure)]
 
     def command(self, time: int, command: Array) -> None:
         """Take the command (n + k,) [rad/s, rad] that answers the state of a time [ns]."""
@@ -196,6 +200,6 @@ def replay(detector: Detector, flight: Flight) -> Found:
     )
     for time, attitude, velocity, angular_velocity, command in samples:
         if detector.observe(time, attitude, velocity, angular_velocity):
-            found.append((time, detector.health))
+            found.append((time, detector.health, detector.failed_arms))
         detector.command(time, command)
     return found

@@ -158,7 +158,9 @@ class Case:
     def detected(self, method: str, found: Found) -> list[Change]:
         """Return the changes of a method's closed loop that found failures cause."""
         reconfigure = partial(self.reconfiguration, method)
-        return [Change(time, detected=health, reconfigure=reconfigure) for time, health in found]
+        return [
+            Change(time, detected=(health, arms), reconfigure=reconfigure)
+            for time, health, arms in found]
 
     def detection(self, method: str) -> Detection:
         """Return the detection of failures for a method's closed loop."""

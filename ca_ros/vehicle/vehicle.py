@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property, lru_cache
@@ -103,6 +103,7 @@ class Vehicle:
       reverse: its thrust is k_f |omega| omega
     - `health` (n,): thrust delivered over thrust expected, in [0, 1]; below `HEALTH_MIN` the rotor
       is lost
+    - `failed_arms`: see `with_health`
     - `axes`: the commanded components of the wrench, in the order of `AXES`
     - `lost_axes`: see `AxesSettings` and `ca_ros.problem.audit.accept`
     - `curve`: of all rotors, in the ratio of their k_f.  The reaction torque is k_tau / k_f times
@@ -134,6 +135,7 @@ class Vehicle:
     health: Array
     axes: tuple[str, ...]
     servos: Servos
+    failed_arms: tuple[tuple[int, int], ...] = ()
     lost_axes: str = 'refuse'
     curve: ThrustCurve = SQUARE
     speed_max_per_volt: Array | float = 0.0
@@ -282,8 +284,20 @@ class Vehicle:
         vehicle = vehicle.with_stuck_servos(rotors.stuck_servos)
         return vehicle.at_voltage(rotors.battery_voltage) if rotors.battery_voltage else vehicle
 
-    def with_health(self, health: ArrayLike) -> Vehicle:
-        """Return the same vehicle with other rotor health, a scalar or (n,) in [0, 1]."""
+    def with_health(
+        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = ()
+    ) -> Vehicle:
+        """Return the same vehicle with other rotor health, a scalar or (n,) in [0, 1].
+
+        `failed_arms` are coaxial pairs of rotors, counted from 1 on, of which one has failed, and
+        which one is unknown.  Such an arm is one effector: both rotors have the same health, the
+        share of its thrust that is left.  Their reaction torques count as zero, so that least
+        norms give both the same thrust.  The true yaw torque of the arm differs from zero by at
+        most the torque coefficient over the thrust coefficient times its thrust.
+
+        Raises a ParameterError if a health is out of bounds, or an arm is not two rotors with
+        the same health.
+        """
         try:
             shares = floats(health)
         except (TypeError, ValueError):
@@ -292,7 +306,12 @@ class Vehicle:
             given = ' '.join(repr(health).split())
             what = f'1 or {self.n} numbers in [0, 1]'
             raise ParameterError(f'rotors.health: expected {what}, got {given}')
-        return replace(self, health=np.broadcast_to(shares, (self.n,)))
+        shares, arms = np.broadcast_to(shares, (self.n,)), tuple(failed_arms)
+        for i, j in arms:
+            inside = 1 <= i <= self.n and 1 <= j <= self.n and i != j
+            if not inside or shares[i - 1] != shares[j - 1]:
+                raise ParameterError(f'arm {i} {j}: expected two rotors with the same health')
+        return replace(self, health=shares, failed_arms=arms)
 
     def at_voltage(self, voltage: float) -> Vehicle:
         """Return the same vehicle with the greatest speeds that a battery of a voltage [V] allows.
@@ -377,8 +396,8 @@ class Vehicle:
         measured = len(curve.starts) or len(curve.throttles) or curve.expo
         if measured or curve.pwm != SQUARE.pwm or np.any(self.speed_max_per_volt):
             raise ValueError('save: a vehicle with a thrust curve or a battery: keep its own file')
-        if self.servos.unstuck is not None:
-            raise ValueError('save: a vehicle with stuck servos: save the sound one')
+        if self.servos.unstuck is not None or self.failed_arms:
+            raise ValueError('save: stuck servos or failed arms: save the sound vehicle')
         servos, tilts = self.servos, len(self.servos) > 0
         rotors: dict[str, Any] = {
             'positions': self.arms, 'axes': self.rotor_axes,
@@ -453,6 +472,7 @@ class Vehicle:
     ) -> Array:
         """Return as `wrenches` (6, k) for thrusts of rotors (k,) with directions (k, 3)."""
         ratio = self.torque_coefficient / self.thrust_coefficient
+        ratio[[i - 1 for arm in self.failed_arms for i in arm]] = 0.0
         (x, y, z), (a, b, c) = self.arms[rotors].T, directions.T
         torques = (self.spins * ratio)[rotors, None] * directions
         # np.cross takes longer than all of the rest.

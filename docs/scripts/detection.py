@@ -167,7 +167,7 @@ def hovering(vehicle, rotor, changes=(), each=1, inertia=1.0, load=0.0, left=0.0
     detection = Slow(case.detector(), partial(case.reconfiguration, 'exact'))
     detection.each = each
     flown(case, Waypoint.of(0, 0, 1, 0), LOST + 1.0, changes=events, detection=detection)
-    found = [(time / 1e9, lost) for time, lost in detection.found]
+    found = [(time / 1e9, lost) for time, lost, _ in detection.found]
     early = any(time < LOST for time, _ in found)
     after = next((t - LOST for t, lost in found if t >= LOST and lost[rotor] < 1.0), None)
     wrong = any((np.delete(lost, rotor) < 1.0).any() for t, lost in found if t >= LOST)
@@ -264,7 +264,7 @@ def eventless(vehicle, seed, options, duration=60.0):
     flight = flown(
         case, goals.first, duration, plant=Weather(case.body(), case.flown.simulator),
         changes=[*waypoint_changes(goals), Change(taken_up, body=loaded)], detection=detection)
-    found = [(time / 1e9, health.round(2).tolist()) for time, health in detection.found]
+    found = [(time / 1e9, health.round(2).tolist()) for time, health, _ in detection.found]
     return None if flight is None else found
 
 

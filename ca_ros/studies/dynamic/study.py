@@ -189,7 +189,7 @@ def _write(
     rows = pd.concat(map(pd.DataFrame, tables))
     text = document(found)
     write(out / 'dynamic', rows, found, text)
-    times = {name: [time / 1e9 for time, _ in found] for name, found in detected.items()}
+    times = {name: [time / 1e9 for time, *_ in found] for name, found in detected.items()}
     study = Flights(flights, samples, case.vehicle, options.goals, failures, times)
     if options.figures:
         draw(out, study, options.figures, options.figure_width, options.plot_rows)
@@ -199,7 +199,7 @@ def _write(
 def _named(case: Case, found: Found) -> str:
     """Return which rotors a detector named, and when."""
     first: dict[int, float] = {}
-    for time, health in found:
+    for time, health, _ in found:
         for rotor in (health < case.vehicle.health).nonzero()[0].tolist():
             first.setdefault(rotor + 1, time / 1e9)
     return ', '.join(f'rotor {rotor} at {time:.2f} s' for rotor, time in first.items()) or 'none'
