@@ -143,7 +143,7 @@ ADDED = """
 python -c "from ca_ros import ALLOCATORS; assert 'mean' in ALLOCATORS"
 ruff check ca_ros/allocation
 python -m pytest -q -p no:cacheprovider test/test_allocators.py -k mean
-static_study --methods exact,mean --out out/mean
+ca_ros static_study --methods exact,mean --out out/mean
 """
 """What must work with the method that CONTRIBUTING adds."""
 
@@ -192,10 +192,26 @@ def test_what_is_left_to_ci_is_done_there():
 
 
 def test_links_within_the_repository_lead_somewhere():
-    for page in PAGES:
+    more = [path.relative_to(ROOT).as_posix() for folder in ('benchmarks', 'layouts')
+            for path in (ROOT / folder).rglob('*.md')]
+    assert more
+    for page in [*PAGES, *more]:
         text = (ROOT / page).read_text(encoding='utf-8')
         for target in re.findall(r'\]\((?!https?:|#)([^)#]+)', text):
             assert (ROOT / page).parent.joinpath(target).exists(), f'{page}: {target}'
+
+
+def test_equations_that_docstrings_cite_stand_on_the_page_of_the_model():
+    page = (ROOT / 'docs' / 'model.md').read_text(encoding='utf-8')
+    there = [int(number) for number in re.findall(r'\\tag\{(\d+)\}', page)]
+    assert there == [*range(1, 24)]
+    files = [*(ROOT / 'ca_ros').rglob('*.py'), *(ROOT / 'ca_ros').rglob('*.[ch]')]
+    cited = [
+        int(number) for file in files
+        for spot in re.findall(r'\bEqs?\.\s+\(.{,20}', file.read_text(encoding='utf-8'), re.DOTALL)
+        for number in re.findall(r'\((\d+)\)', spot)]
+    assert len(cited) > 30
+    assert {*cited} <= {*there}
 
 
 def test_files_that_pages_name_exist():

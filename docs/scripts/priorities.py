@@ -21,7 +21,7 @@ from ca_ros.vehicle.state import NULL_STATE
 
 ROWS = DOCS.parent / 'test' / 'px4_desaturation.csv'
 
-SHOWN = ('`hexarotor`, heavy', '`quadrotor`')
+SHOWN = ('`hexarotor`', '`hexarotor`, heavy', '`quadrotor`')
 """The vehicles on the page, with the largest differences."""
 
 LIMITS = 0.0, 0.1, 0.25  # values of `airmode_limit`
@@ -63,12 +63,12 @@ class Recorder(Counter):
         super().__init__(allocator)
         self.counts['off'] = 0
 
-    def allocate(self, u: Array, *last: Any) -> Allocation:
+    def allocate(self, *given: Any) -> Allocation:
         """Allocate one wrench."""
-        answer, axes = super().allocate(u, *last), self.problem.axes
+        answer, axes = super().allocate(*given), self.allocator.problem.axes
         if answer.status and 'yaw' in axes:
             yaw = axes.index('yaw')
-            self.counts['off'] += bool(wrong(answer.wrench[yaw], u[yaw]))
+            self.counts['off'] += bool(wrong(answer.wrench[yaw], given[0][yaw]))
         return answer
 
 
