@@ -9,7 +9,6 @@ from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import Numbers, ParameterError, Settings, setting
 
 STEPS_PER_ROTOR = 10  # limit of the active-set method, in case rounding makes it cycle
@@ -127,9 +126,7 @@ def _weight(weight: Numbers, n: int) -> Array:
 
 def _reference(reference: str | Numbers, problem: AllocationProblem) -> Array:
     if reference == 'hover':
-        if isinstance(problem, VehicleProblem):
-            return np.full(problem.n, problem.vehicle.weight / problem.n)
-        return np.array(np.linalg.pinv(problem.gamma) @ problem.reference)
+        return problem.shared
     if reference == 'zero':
         return np.zeros(problem.n)
     thrusts = np.asarray(reference, dtype=float)

@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.allocation.allocator import Allocator
+from ca_ros.allocation.allocator import Allocator, AtRest
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.reduced import Reduced
 from ca_ros.allocation.result import Allocation
-from ca_ros.allocation.slew import SlewLimited, rates_of
+from ca_ros.allocation.slew import SlewLimited
 from ca_ros.allocation.tilt_rates import TiltLimited
 from ca_ros.arrays import Array
-from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.problem.vehicle_problem import vehicle_of
 from ca_ros.settings import ParameterError
 
 PERIOD_MAX = 0.1  # greatest time since the last command in which rotors count as moving [s]
@@ -50,14 +50,10 @@ def limited(allocator: Allocator) -> SlewLimited | TiltLimited | Reduced | None:
         inner = limited(allocator.method)
         return inner and Reduced(
             allocator.problem, inner, allocator.method.problem.axes, allocator.settings)
-    problem, rates = allocator.problem, rates_of(allocator.problem)
-    if not isinstance(problem, VehicleProblem) or problem.vehicle.powerless:
+    rates, turning = allocator.problem.rates, allocator.problem.turning_rates
+    if isinstance(allocator, AtRest) or (rates is None and not turning.any()):
         return None
-    servos = problem.vehicle.servos
-    turning = servos.rate_max[servos.rotors]
-    if rates is None and not turning.any():
-        return None
-    if not len(servos):
+    if not len(turning):
         return SlewLimited(allocator)
     if not isinstance(allocator, Exact):
         raise ParameterError(
@@ -66,4 +62,4 @@ def limited(allocator: Allocator) -> SlewLimited | TiltLimited | Reduced | None:
         )
     up, down = (UNLIMITED, UNLIMITED) if rates is None else rates
     turning = np.where(turning > 0.0, turning, UNLIMITED)
-    return TiltLimited(problem.vehicle, up, turning, allocator.settings, down)
+    return TiltLimited(vehicle_of(allocator.problem), up, turning, allocator.settings, down)

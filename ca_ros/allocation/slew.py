@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, constant
-from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.validation import ABSURD, numbers
 
 
@@ -54,7 +52,7 @@ class SlewLimited(Allocator):
         self.settings, self.engine = allocator.settings, allocator.engine
         self.problem.program.refuse_vectors('SlewLimited', 'TiltLimited takes these')
         if rates is None:
-            if (found := rates_of(self.problem)) is None:
+            if (found := self.problem.rates) is None:
                 raise ValueError('rates: the vehicle has no rotors.acceleration_max; give rates')
             rates, braking = found
         self.rates, self.braking = (
@@ -118,21 +116,10 @@ class SlewLimited(Allocator):
 
     def reachable(self, last: Array, period: float) -> tuple[Array, Array]:
         """Return the bounds (n,) of the effectors [N] that are reached from the last command."""
-        problem = self.problem
-        if isinstance(problem, VehicleProblem):
-            vehicle = problem.vehicle
-            ends = reached(last, period, self.rates, self.braking, *vehicle.speed_limits)
-            least, greatest = vehicle.thrusts(np.array(ends))
-            return least, greatest
-        return reached(last, period, self.rates, self.braking, problem.lower, problem.upper)
-
-
-def rates_of(problem: AllocationProblem) -> tuple[Array, Array] | None:
-    """Return the greatest accelerations and decelerations (n,) of a vehicle; None without."""
-    if not isinstance(problem, VehicleProblem):
-        return None
-    up, down = problem.vehicle.acceleration_max, problem.vehicle.deceleration_max
-    return None if up is None else (up, up if down is None else down)
+        limits = self.problem.command_limits
+        ends = reached(last, period, self.rates, self.braking, *limits)
+        least, greatest = self.problem.commanded(np.array(ends))
+        return least, greatest
 
 
 def reached(

@@ -262,7 +262,8 @@ def draw_flight(
 
     with matplotlib.rc_context(style(width)):
         servos = vehicle.servos
-        count = 3 + (len(servos) > 0) + (served is not None)
+        tilts = [servos.rotors] if len(servos) else []
+        count = 3 + len(tilts) + (served is not None)
         figure, body = sheet(1.0 + 2.0 * count)
         rows = body.subplots(count, 1, sharex=True)
         position, attitude, speeds = rows[:3]
@@ -278,8 +279,8 @@ def draw_flight(
         attitude.plot(flight.time, np.degrees(headings), **DASHED)
         looks = rotor_lines(vehicle.n)
         _draw(speeds, flight.time, flight.speeds, looks, 'rotor speed [rad/s]')
-        if len(servos):
-            _draw_angles(rows[3], flight, servos.rotors, list(looks.values()))
+        for rotors in tilts:
+            _draw_angles(rows[3], flight, rotors, list(looks.values()))
             for limit in np.unique(servos.limits):
                 rows[3].axhline(np.degrees(limit), **DASHED)
         if served is not None:

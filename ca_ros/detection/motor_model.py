@@ -65,16 +65,13 @@ class CommandedRotors:
             until = min(end, self._waiting[0][0]) if self._waiting else end
             before, step = self.speeds, (until - now) / 1e9
             self.speeds = lagged(self._lag, before, self._command[0], step)
-            if len(angles):
-                moved = self._servos.move(self._angles, self._command[1], step, self.vehicle)
-                self._angles = moved
+            self._angles = self._servos.move(self._angles, self._command[1], step, self.vehicle)
             thrusts = self.vehicle.thrusts(0.5 * (before + self.speeds))
             share = (until - now) / (end - start)
             total = thrusts if share == 1.0 else total + share * thrusts
             now = until
-        if len(angles):
-            middle = angles + 0.5 * difference(self._angles, angles)
-            self.wrenches = rotor_wrenches(self.vehicle, middle)
+        middle = angles + 0.5 * difference(self._angles, angles)
+        self.wrenches = rotor_wrenches(self.vehicle, middle)
         return total
 
     def given(self, start: int, end: int) -> Array:

@@ -20,8 +20,8 @@ from ca_ros.firmware.detector import golden_flight
 from ca_ros.firmware.firmware import DTYPES, LIMIT, Firmware
 from ca_ros.firmware.footprint import instructions, measure
 from ca_ros.firmware.worst_case import Bounds, Worst
-from ca_ros.problem.controllability import unit
 from ca_ros.settings import ParameterError
+from ca_ros.vehicle.settings import unit
 
 KERNEL = Path(kernel.__file__).parent
 FILES = json.loads((KERNEL / 'files.json').read_text(encoding='utf-8'))

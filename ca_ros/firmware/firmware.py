@@ -13,7 +13,7 @@ from ca_ros.allocation.box_backend import kernel_for
 from ca_ros.allocation.rates import PERIOD_MAX
 from ca_ros.allocation.result import Status
 from ca_ros.allocation.settings import AllocationSettings, full_names
-from ca_ros.allocation.slew import rates_of, reached
+from ca_ros.allocation.slew import reached
 from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.kernel import INVALID, ROTORS_MAX, Kernel, load
@@ -210,7 +210,7 @@ class Firmware:
     @cached_property
     def rates(self) -> tuple[Array, Array] | None:
         """Greatest rates (n,) at which speeds grow and shrink [rad/s^2]; None without rates."""
-        if (found := rates_of(self.problem)) is None:
+        if (found := self.problem.rates) is None:
             return None
         return found[0].astype(self.dtype), found[1].astype(self.dtype)
 

@@ -11,13 +11,12 @@ from ca_ros.problem.controllability import (
     INDEPENDENCE_MIN,
     STATED_CHOICES_MAX,
     lift,
-    unit,
     unit_rows,
 )
 from ca_ros.problem.vehicle_problem import VehicleProblem, problem_of, vehicle_of
 from ca_ros.settings import ParameterError, read
 from ca_ros.solver.zonotope import facet_normals
-from ca_ros.vehicle.settings import AxesSettings
+from ca_ros.vehicle.settings import AxesSettings, unit
 from ca_ros.vehicle.vehicle import Vehicle
 
 ROUNDED = 1e-8, 2e-3

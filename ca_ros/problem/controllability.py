@@ -36,11 +36,6 @@ def lift(vehicle: Vehicle) -> tuple[float, float]:
     return least, most
 
 
-def unit(axis: str) -> str:
-    """Return the unit of a component of the wrench."""
-    return 'N m' if axis in ('roll', 'pitch', 'yaw') else 'N'
-
-
 def unit_rows(problem: AllocationProblem) -> Array:
     """Return Gamma (m, n) with columns weighted by the ranges of the thrusts, in rows of length 1.
 

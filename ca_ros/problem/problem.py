@@ -221,7 +221,7 @@ class AllocationProblem:
             if isinstance(getattr(type(self), name, None), cached_property):
                 delattr(made, name)
         made.axes, made._shape = tuple(axes), (len(rows),)
-        made.axis_units = tuple(self.axis_units[row] for row in rows if self.axis_units)
+        made.axis_units = tuple(self.axis_units[row] for row in rows)
         for name in 'gamma', 'reference', 'center', 'extent':
             setattr(made, name, constant(getattr(self, name)[rows]))
         return made
@@ -275,6 +275,30 @@ class AllocationProblem:
     def impaired(self) -> IntArray:
         """1 for each effector (n,) whose upper bound is lowered by its health, else 0."""
         return np.zeros(self.n, dtype=np.int32)
+
+    @property
+    def rates(self) -> tuple[Array, Array] | None:
+        """The greatest rates (n,) at which commands grow and shrink in size; None without."""
+        return None
+
+    @property
+    def turning_rates(self) -> Array:
+        """The greatest rates (k,) of servos, zero where none is given [rad/s]."""
+        return np.zeros(0)
+
+    @property
+    def command_limits(self) -> tuple[Array, Array]:
+        """The least and greatest commands (n,): of effectors they are their values."""
+        return self.lower, self.upper
+
+    def commanded(self, commands: Array) -> Array:
+        """Return the effectors (..., n) that commands (..., n) give."""
+        return commands
+
+    @property
+    def shared(self) -> Array:
+        """Effectors (n,) that share the reference among them, whatever their bounds."""
+        return np.array(np.linalg.pinv(self.gamma) @ self.reference)
 
     @property
     def attainable_set(self) -> Zonotope | SupportedSet:

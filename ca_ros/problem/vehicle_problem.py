@@ -15,7 +15,7 @@ from ca_ros.arrays import Array, IntArray
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.solver.convex_sets import Box, ConvexSet, ConvexSets, Interval, Sector
 from ca_ros.vehicle.servos import FIXED
-from ca_ros.vehicle.settings import AXES
+from ca_ros.vehicle.settings import AXES, unit
 from ca_ros.vehicle.vehicle import Vehicle
 
 Part = TypeVar('Part', bound='VehicleProblem')
@@ -52,6 +52,7 @@ class VehicleProblem(AllocationProblem):
     ) -> None:
         # A vehicle has sound numbers, in SI units.
         self.vehicle, self.axes, self.turned = vehicle, vehicle.axes, turned
+        self.axis_units = tuple(map(unit, self.axes))
         sets, self.directions = thrust_sets(vehicle) if thrusts is None else thrusts
         self.wrenches = vehicle.wrenches
         if self.directions is not vehicle.rotor_axes:
@@ -82,6 +83,32 @@ class VehicleProblem(AllocationProblem):
     def impaired(self) -> IntArray:
         """1 for each rotor (n,) whose upper bound is lowered by its health, else 0."""
         return (self.vehicle.health < 1.0).astype(np.int32)
+
+    @property
+    def rates(self) -> tuple[Array, Array] | None:
+        """The greatest accelerations and decelerations (n,) of the rotors [rad/s^2], or None."""
+        up, down = self.vehicle.acceleration_max, self.vehicle.deceleration_max
+        return None if up is None else (up, up if down is None else down)
+
+    @property
+    def turning_rates(self) -> Array:
+        """The greatest rates (k,) of the servos, zero where none is given [rad/s]."""
+        servos = self.vehicle.servos
+        return servos.rate_max[servos.rotors]
+
+    @property
+    def command_limits(self) -> tuple[Array, Array]:
+        """The least and greatest speeds (n,) of the rotors [rad/s]."""
+        return self.vehicle.speed_limits
+
+    def commanded(self, commands: Array) -> Array:
+        """Return the thrusts (..., n) that speeds (..., n) give [N]."""
+        return self.vehicle.thrusts(commands)
+
+    @property
+    def shared(self) -> Array:
+        """Thrusts (n,) that share the weight equally [N]."""
+        return np.full(self.n, self.vehicle.weight / self.n)
 
     @property
     def hovers(self) -> bool:

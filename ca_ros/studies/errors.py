@@ -8,34 +8,30 @@ import pandas as pd
 from ca_ros.allocation import AllocationProblem, Allocator, Status
 from ca_ros.arrays import Array
 from ca_ros.errors import CaRosError
-from ca_ros.problem.vehicle_problem import VehicleProblem
 
 VIOLATION = 1e-9  # thrusts that are further outside their bounds than this violate them [N]
-FORCES = ('force_x', 'force_y', 'thrust')  # the axes in N; the others are in N m
-
 COLUMNS = {'roll': 'tau_x', 'pitch': 'tau_y', 'yaw': 'tau_z'}  # columns that are not named as axes
 
 ERRORS = {
     'force_error': 'force error [N]', 'torque_error': 'torque error [N m]',
     'error': 'error of all axes',
 }
-"""Titles of the errors: force and torque of a vehicle, one of a problem without a vehicle."""
+"""Titles of the errors: force and torque of a wrench, one of axes in other units."""
 
 
 def columns(problem: AllocationProblem) -> list[str]:
     """Return the names of the columns of u."""
-    if isinstance(problem, VehicleProblem):
-        return [COLUMNS.get(axis, axis) for axis in problem.axes]
-    return list(problem.axes)
+    pairs = zip(problem.axes, problem.axis_units, strict=True)
+    return [COLUMNS.get(axis, axis) if unit == 'N m' else axis for axis, unit in pairs]
 
 
 def errors(problem: AllocationProblem, demands: Array, thrusts: Array) -> dict[str, Array]:
     """Return the errors (N,) of thrusts (N, n) for wrenches (N, m), by the keys of `ERRORS`."""
     residual = problem.residual(demands, thrusts)
-    force = np.array([axis in FORCES for axis in problem.axes])
-    parts = {'error': np.full(len(force), True)}
-    if isinstance(problem, VehicleProblem):
-        parts = {'force_error': force, 'torque_error': ~force}
+    units = np.array(problem.axis_units)
+    parts = {'error': units == units}
+    if {*problem.axis_units} <= {'N', 'N m'}:
+        parts = {'force_error': units == 'N', 'torque_error': units == 'N m'}
     return {name: np.linalg.norm(residual[:, part], axis=1) for name, part in parts.items()}
 
 

@@ -18,6 +18,12 @@ from ca_ros.vehicle.validation import repeated
 
 AXES = ('force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw')
 
+
+def unit(axis: str) -> str:
+    """Return the unit of a component of the wrench."""
+    return 'N m' if axis in ('roll', 'pitch', 'yaw') else 'N'
+
+
 XYZ = (1, 3)  # sizes of a setting that is given once, or for x, y, z
 
 

@@ -19,9 +19,9 @@ from ca_ros.simulation.closed_loop import Change, Pilot
 from ca_ros.simulation.record import Flight
 from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.solver.zonotope import CHOICES_MAX
-from ca_ros.studies.errors import FORCES
 from ca_ros.studies.wrench_metrics import energy
 from ca_ros.vehicle.effectiveness import produced
+from ca_ros.vehicle.settings import unit
 from ca_ros.vehicle.state import difference
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -81,7 +81,7 @@ def sample_errors(
         commanded = np.array([pilot.wrench(p, q, v, w, goal, t) for p, q, v, w, t in states])
         thrusts, axes = vehicle.thrusts(flight.speeds[part]), pilot.vehicle.axes
         residual = commanded - produced(pilot.vehicle, thrusts, flight.angles[part])
-        forces = np.array([axis in FORCES for axis in axes])
+        forces = np.array([unit(axis) == 'N' for axis in axes])
         low, high = at_bounds(flight.speeds[part], pilot.vehicle)
         movable = np.greater(*reversed(pilot.vehicle.speed_limits))
         columns = {

@@ -16,7 +16,6 @@ from ca_ros import figures
 from ca_ros.arrays import Array
 from ca_ros.simulation.record import Flight
 from ca_ros.studies.dynamic.metrics import STEADY, Flights, steady
-from ca_ros.studies.errors import FORCES
 from ca_ros.studies.plot_style import (
     PANELS_MAX,
     entries,
@@ -24,7 +23,7 @@ from ca_ros.studies.plot_style import (
     panel_titles,
     styles,
 )  # fmt: skip
-from ca_ros.vehicle.settings import AXES
+from ca_ros.vehicle.settings import AXES, unit
 
 ALIKE = 0.01
 """Greatest difference of curves that look like one, as a share of the height of a panel."""
@@ -234,7 +233,7 @@ def _draw_panel(axes: Axes, study: Flights, name: str, row: str, part: str) -> N
         axes.plot(flight.time, samples['margin'], color='black')
         axes.axhline(0.0, **figures.DASHED)
     else:
-        own = [axis for axis in vehicle.axes if (axis in FORCES) == (part == 'force')]
+        own = [axis for axis in vehicle.axes if (unit(axis) == 'N') == (part == 'force')]
         values = samples[[f'{row}_{axis}' for axis in own]].to_numpy()
         looks = {axis: COMPONENTS[AXES.index(axis) % 3] for axis in own}
         figures.draw_lines(axes, flight.time, values, looks)

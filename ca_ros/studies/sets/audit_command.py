@@ -16,10 +16,11 @@ import numpy as np
 from ca_ros.arguments import command
 from ca_ros.parameter_files import AllocatorSettings, ControllerNodeSettings, load_for
 from ca_ros.problem.audit import Audit, accept, audit
-from ca_ros.problem.controllability import lift, unit
+from ca_ros.problem.controllability import lift
 from ca_ros.problem.diagnosis import Cause, diagnose
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.failures import read_failures, with_failures
+from ca_ros.vehicle.settings import unit
 from ca_ros.vehicle.vehicle import Vehicle
 
 PROBABLY_WRONG = 3  # the exit code

@@ -6,9 +6,10 @@ from functools import partial
 
 from ca_ros.arguments import command
 from ca_ros.problem.audit import audit
-from ca_ros.problem.controllability import lift, unit
+from ca_ros.problem.controllability import lift
 from ca_ros.problem.diagnosis import diagnose
 from ca_ros.studies.sets.audit_command import cases_of, ends, margin
+from ca_ros.vehicle.settings import unit
 from ca_ros.vehicle.vehicle import Vehicle
 
 

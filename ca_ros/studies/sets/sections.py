@@ -8,13 +8,13 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.vehicle.settings import AXES
 
-AXES = {
-    'force_x': ('force x', 'N'), 'force_y': ('force y', 'N'), 'thrust': ('thrust', 'N'),
-    'roll': (r'$\tau_x$', 'N m'), 'pitch': (r'$\tau_y$', 'N m'), 'yaw': (r'$\tau_z$', 'N m'),
+NAMES = {
+    ('force_x', 'N'): 'force x', ('force_y', 'N'): 'force y',
+    ('roll', 'N m'): r'$\tau_x$', ('pitch', 'N m'): r'$\tau_y$', ('yaw', 'N m'): r'$\tau_z$',
 }
-"""Name and unit of each axis."""
+"""Names of the axes of a wrench in plots, by axis and unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +45,10 @@ class Section:
 
 
 def units(problem: AllocationProblem) -> dict[str, tuple[str, str]]:
-    """Return name and unit of each axis; without a vehicle, those of the problem's file."""
-    if isinstance(problem, VehicleProblem):
-        return {axis: AXES.get(axis, (axis, '')) for axis in problem.axes}
+    """Return name and unit of each axis."""
     pairs = zip(problem.axes, problem.axis_units, strict=True)
-    return {axis: (axis, unit.replace('^2', '²')) for axis, unit in pairs}
+    return {
+        axis: (NAMES.get((axis, unit), axis), unit.replace('^2', '²')) for axis, unit in pairs}
 
 
 def labels(problem: AllocationProblem, axes: Sequence[str]) -> list[str]:
@@ -70,11 +69,11 @@ def fixed(problem: AllocationProblem, drawn: Sequence[str], at: Array) -> str:
 def sections(admissible: AdmissibleSet, *pairs: tuple[str, str]) -> list[Section]:
     """Return the sections along each pair of axes that are commanded.
 
-    Of a problem without a vehicle that has none of them: the section along its first two axes.
+    If it has none of them, and other axes than a wrench: the section along its first two axes.
     """
     problem, reference = admissible.problem, admissible.reference
     found = [pair for pair in pairs if {*pair} <= {*problem.axes}]
-    if not (found or isinstance(problem, VehicleProblem)) and len(problem.axes) > 1:
+    if not found and not {*problem.axes} <= {*AXES} and len(problem.axes) > 1:
         found = [(problem.axes[0], problem.axes[1])]
     return [
         Section(

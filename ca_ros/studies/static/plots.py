@@ -42,7 +42,8 @@ def draw(
     units = {*admissible.problem.axis_units}
     unit = f' [{units.pop()}]' if len(units) == 1 and units != {''} else ''
     unit = unit.replace('^2', '²')
-    errors = {name: words + unit for name, words in ERRORS.items() if name in rows}
+    errors = {
+        name: words + unit * (name == 'error') for name, words in ERRORS.items() if name in rows}
     with matplotlib.rc_context(style(width)):
         plots = {
             'errors': _draw_distributions(shown, errors),
