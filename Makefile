@@ -38,10 +38,10 @@ fault = $(or \
     ca_ros needs Python 3.10 to 3.14 but $(PYTHON) is $(or $(version),not there): set PYTHON),\
   $(if $(uv)$(call python_has,ensurepip),,\
     $(PYTHON) cannot make a venv: apt install python$(version)-venv),\
-  $(if $(filter-out jazzy,$(ROS_DISTRO)),\
-    ca_ros is for ROS 2 Jazzy but ROS_DISTRO is $(ROS_DISTRO): use a shell without it),\
+  $(if $(filter-out jazzy kilted,$(ROS_DISTRO)),\
+    ca_ros is for ROS 2 Jazzy and Kilted but ROS_DISTRO is $(ROS_DISTRO): use a shell without it),\
   $(if $(and $(ROS_DISTRO),$(if $(call python_has,rclpy),,no)),\
-    ROS_DISTRO is jazzy but $(PYTHON) cannot import rclpy: source Jazzy or unset ROS_DISTRO),\
+    ROS_DISTRO is $(ROS_DISTRO) but $(PYTHON) cannot import rclpy: source it or unset ROS_DISTRO),\
   $(if $(ROS_DISTRO)$(filter Linux_x86_64,$(shell uname -sm | tr ' ' _)),,\
     rclpy has wheels for x86-64 Linux only: install ROS 2 Jazzy here and source it))
 

@@ -13,7 +13,7 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.messages import nanoseconds, pose_arrays, speeds_message, twist_arrays
 from ca_ros.parameter_files import Px4NodeSettings
 from ca_ros.px4.frames import State
-from ca_ros.px4.rules import topic
+from ca_ros.px4.messages import topic
 from fake_px4 import MESSAGES, converted
 from strategies import file_values
 

@@ -15,7 +15,8 @@ from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.parameter_files import Px4Settings
 from ca_ros.problem.audit import accept
-from ca_ros.px4.rules import Rules, topic
+from ca_ros.px4.messages import topic
+from ca_ros.px4.rules import Rules
 from ca_ros.simulation.plant import body_of
 from ca_ros.simulation.plant_settings import PlantSettings
 from fake_px4 import EXTERNAL1, HOLD, MESSAGES, OFFBOARD, RTL, FakePx4

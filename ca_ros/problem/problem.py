@@ -27,9 +27,9 @@ from ca_ros.settings import Numbers, ParameterError
 from ca_ros.solver.convex_sets import Box, ConvexSet, ConvexSets
 from ca_ros.solver.least_norm_qp import meets
 from ca_ros.solver.zonotope import Zonotope, decomposition
+from ca_ros.vehicle.fields import EFFECTORS_MAX
 from ca_ros.vehicle.files import shipped_problems
 from ca_ros.vehicle.validation import ABSURD, different_names, numbers, ordered_bounds, repeated
-from ca_ros.vehicle.vehicle import EFFECTORS_MAX
 
 UNITS_MIN = 1e-6  # least range of an axis, also over the greatest, to judge errors
 INSIDE = 0.99  # greatest share of the way to the boundary at which a line may begin

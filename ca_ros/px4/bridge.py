@@ -23,8 +23,9 @@ from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import Streams
 from ca_ros.parameter_files import Px4NodeSettings
 from ca_ros.px4.frames import State
+from ca_ros.px4.messages import topic
 from ca_ros.px4.motor_order import order_of
-from ca_ros.px4.rules import Rules, topic
+from ca_ros.px4.rules import Rules
 from ca_ros.vehicle.vehicle import Vehicle
 
 REPLIES = 5  # to others come on the same topic, too

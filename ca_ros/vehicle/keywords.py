@@ -1,11 +1,10 @@
-"""A vehicle in code: its parameters from keywords, and its file."""
+"""A vehicle in code: its parameters from keywords."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.settings import AxesSettings, MovingBodySettings, RotorSettings
@@ -43,7 +42,7 @@ def parameters_of(keywords: Mapping[str, Any]) -> dict[str, Any]:
         group, key = ('rotors', 'axes') if name == 'rotor_axes' else (
             GROUPS.get(name, 'rotors'), name)
         for path, each in flat(f'{group}.{key}', value):
-            found[path] = _plain(each)
+            found[path] = plain(each)
     return found
 
 
@@ -62,15 +61,6 @@ def ring_spins(count: int, spins: Sequence[str] | None) -> Sequence[str]:
     if spins is None and count % 2:
         raise ParameterError(f'spins: missing; those of {count} rotors cannot alternate')
     return ['cw', 'ccw'] * (count // 2) if spins is None else spins
-
-
-def text_of(groups: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return the text of a parameter file of values by group and name; None is left out."""
-    content = {
-        group: {name: _plain(value) for name, value in values.items() if value is not None}
-        for group, values in groups.items()}
-    return yaml.safe_dump(
-        {'/**': {'ros__parameters': content}}, default_flow_style=None, sort_keys=False)
 
 
 def _rows(name: str, value: Any) -> Any:
@@ -97,10 +87,10 @@ def _turns(value: Any) -> list[str]:
     return ['cw' if sign > 0.0 else 'ccw' for sign in signs.tolist()]
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Return a value as a file has it: numbers, words and lists of them."""
     if isinstance(value, (np.ndarray, np.generic)):
         return value.ravel().tolist() if np.ndim(value) else value.item()
     if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
+        return [plain(each) for each in value]
     return value

@@ -17,26 +17,23 @@ from ca_ros.arrays import Array, BoolArray, constant, floats, is_constant
 from ca_ros.setting_names import check_given
 from ca_ros.settings import MissingParameterError, ParameterError, read, table
 from ca_ros.vehicle import files
-from ca_ros.vehicle.geometry import rotor_axes, rotor_positions
-from ca_ros.vehicle.keywords import flat, parameters_of, ring_spins, text_of
-from ca_ros.vehicle.servos import Servos, servos_of
+from ca_ros.vehicle.fields import VOLTAGES, fields_of
+from ca_ros.vehicle.keywords import flat, parameters_of, ring_spins
+from ca_ros.vehicle.saving import file_text
+from ca_ros.vehicle.servos import Servos
 from ca_ros.vehicle.settings import (
     AXES,
     AxesSettings,
     BodySettings,
-    MovingBodySettings,
     MovingVehicleSettings,
     RotorSettings,
     VehicleSettings,
 )
 from ca_ros.vehicle.thrust_curve import ThrustCurve, rotor_speeds
-from ca_ros.vehicle.validation import inertia_matrix, ordered_bounds, repeated
 
-EFFECTORS_MAX = 1000  # greatest number of rotors; more would need hours to list what they can do
 HEALTH_MIN = 1e-9  # a rotor whose health is below this counts as lost
 
 SQUARE = ThrustCurve()  # k_f w^2, with throttles that are shares of the thrust
-VOLTAGES = 0.5, 1.5  # what a battery can have, over its nominal voltage
 BOUND_ROUNDING = 1e-9  # how far a thrust may be out, over its bound or 1 N
 
 
@@ -237,50 +234,7 @@ class Vehicle:
 
         Raises a ParameterError if settings contradict each other.
         """
-        axes = AxesSettings() if axes is None else axes
-        arms = rotor_positions(rotors) - np.array(body.center_of_mass, float)
-        n, spins = len(arms), rotors.spins
-        _check_numbers(n, spins)
-
-        def each(name: str) -> Array:
-            return repeated(f'rotors.{name}', getattr(rotors, name), n)
-
-        speed_min, speed_max = each('speed_min'), each('speed_max')
-        names = [f'rotor {i + 1}' for i in range(n)]
-        ordered_bounds('rotors.speed_min', 'rotors.speed_max', speed_min, speed_max, names)
-        forwards, backwards = each('thrust_coefficient'), each('thrust_coefficient_reverse')
-        up, down = each('acceleration_max'), each('deceleration_max')
-        _check_rates(up, down)
-        per_volt, nominal = each('speed_max_per_volt'), rotors.battery_voltage
-        if per_volt.any() and not nominal:
-            nominal = float((speed_max[per_volt > 0.0] / per_volt[per_volt > 0.0]).max())
-        # Full throttle reaches beyond speed_max with a full battery.
-        full = np.maximum(speed_max, VOLTAGES[1] * nominal * per_volt)
-        curve = _curve_of(rotors, forwards, speed_min, speed_max, float(full.max()))
-        servos = servos_of(rotors, rotor_axes(rotors, n), speed_min, speed_max)
-        vehicle = cls(
-            mass=body.mass,
-            gravity=body.gravity,
-            buoyancy=body.buoyancy,
-            inertia=inertia_matrix(body.inertia) if isinstance(body, MovingBodySettings) else None,
-            arms=arms,
-            rotor_axes=servos.nominal,
-            spins=np.array([1.0 if word == 'cw' else -1.0 for word in spins]),
-            thrust_coefficient=forwards,
-            thrust_coefficient_reverse=np.where(backwards > 0.0, backwards, forwards),
-            torque_coefficient=each('torque_coefficient'),
-            speed_min=speed_min,
-            speed_max=speed_max,
-            health=each('health'),
-            axes=tuple(axis for axis in AXES if axis in axes.axes),
-            lost_axes=axes.lost_axes,
-            curve=curve,
-            speed_max_per_volt=per_volt,
-            nominal_voltage=nominal,
-            servos=servos,
-            acceleration_max=up if up.any() else None,
-            deceleration_max=down if down.any() else None,
-        )
+        vehicle = cls(**fields_of(body, rotors, AxesSettings() if axes is None else axes))
         vehicle = vehicle.with_stuck_servos(rotors.stuck_servos)
         return vehicle.at_voltage(rotors.battery_voltage) if rotors.battery_voltage else vehicle
 
@@ -392,33 +346,7 @@ class Vehicle:
         Positions are relative to the centre of mass.  Raises a ValueError for what only its own
         file describes: a thrust curve, the voltage of a battery, stuck servos.
         """
-        curve = self.curve
-        measured = len(curve.starts) or len(curve.throttles) or curve.expo
-        if measured or curve.pwm != SQUARE.pwm or np.any(self.speed_max_per_volt):
-            raise ValueError('save: a vehicle with a thrust curve or a battery: keep its own file')
-        if self.servos.unstuck is not None or self.failed_arms:
-            raise ValueError('save: stuck servos or failed arms: save the sound vehicle')
-        servos, tilts = self.servos, len(self.servos) > 0
-        rotors: dict[str, Any] = {
-            'positions': self.arms, 'axes': self.rotor_axes,
-            'spins': ['cw' if sign > 0.0 else 'ccw' for sign in self.spins.tolist()],
-            'thrust_coefficient': self.thrust_coefficient,
-            'thrust_coefficient_reverse': self.thrust_coefficient_reverse,
-            'torque_coefficient': self.torque_coefficient,
-            'speed_min': self.speed_min, 'speed_max': self.speed_max,
-            'acceleration_max': self.acceleration_max, 'deceleration_max': self.deceleration_max,
-            'health': None if (self.health == 1.0).all() else self.health,
-        }
-        if tilts:
-            rotors |= {
-                'tilt_axes': servos.axes, 'tilt_min': servos.lower, 'tilt_max': servos.upper,
-                'gimbal': servos.gimbal, 'tilt_rate_max': servos.rate_max}
-        body = {
-            'mass': self.mass, 'gravity': self.gravity, 'buoyancy': self.buoyancy or None,
-            'inertia': self.inertia}
-        axes = {'axes': [*self.axes], 'lost_axes': self.lost_axes}
-        groups = {'vehicle': body, 'rotors': rotors, 'allocation': axes}
-        Path(path).write_text(text_of(groups), encoding='utf-8')
+        Path(path).write_text(file_text(self), encoding='utf-8')
 
     def __repr__(self) -> str:
         """Return the vehicle in one line."""
@@ -579,33 +507,6 @@ class Vehicle:
             self.thrust_max + rounding, *self.speed_limits,
         )
         return [tuple(row) for row in np.column_stack(columns).tolist()]
-
-
-def _check_numbers(n: int, spins: Any) -> None:
-    """Raise a ParameterError if there are too many rotors, or not a spin for each."""
-    if n > EFFECTORS_MAX:
-        raise ParameterError(f'rotors.positions: expected up to {EFFECTORS_MAX} rotors, got {n}')
-    if isinstance(spins, str) or len(spins) != n:
-        raise ParameterError(f'rotors.spins: expected {n} words, one per rotor, got {spins!r}')
-
-
-def _check_rates(up: Array, down: Array) -> None:
-    """Raise a ParameterError if only some rotors have a limit on the rate of their speed (n,)."""
-    if (up > 0.0).any() != (up > 0.0).all() or (down.any() and not (up * down).all()):
-        raise ParameterError(
-            'rotors.acceleration_max, rotors.deceleration_max: expected positive numbers for '
-            f'all rotors, or 0 for all, got {up.tolist()} and {down.tolist()}'
-        )
-
-
-def _curve_of(
-    rotors: RotorSettings, k_f: Array, speed_min: Array, speed_max: Array, full: float
-) -> ThrustCurve:
-    """Return the curve of `ThrustCurve.from_settings`; errors have the name of the group."""
-    try:
-        return ThrustCurve.from_settings(rotors.thrust_curve, k_f, speed_min, speed_max, full)
-    except ParameterError as error:
-        raise ParameterError(f'rotors.thrust_curve.{error}') from None
 
 
 @lru_cache

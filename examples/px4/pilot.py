@@ -13,7 +13,7 @@ from sitl import MARK, Sitl
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.px4.bridge import TO_PX4, from_px4
-from ca_ros.px4.rules import topic
+from ca_ros.px4.messages import topic
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
