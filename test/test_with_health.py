@@ -6,16 +6,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from ca_ros import (
-    ALLOCATORS,
-    AllocationProblem,
-    Exact,
-    ParameterError,
-    Status,
-    Vehicle,
-    audit,
-    make_allocator,
-)
+from ca_ros import ALLOCATORS, Exact, ParameterError, Status, Vehicle, audit, make_allocator
 from ca_ros.allocation.reduced import allocator_for
 from strategies import length
 
@@ -165,8 +156,6 @@ def test_misuse_is_refused():
     for arm, health in (((1, 7), 0.5), ((2, 2), 0.5), ((1, 2), [0.5, 0.4, 1.0, 1.0, 1.0, 1.0])):
         with pytest.raises(ParameterError, match='expected two rotors with the same'):
             allocator.with_health(health, [arm])
-    with pytest.raises(TypeError, match='no vehicle'):
-        Exact(AllocationProblem([[1.0, 1.0]], 0.0, 1.0)).with_health([1.0, 0.0])
     with pytest.raises(TypeError, match=r"by keyword \(order, .* got 'scale'"):
         Exact(Vehicle.load('hexarotor'), 'scale')
 

@@ -87,8 +87,8 @@ def make_allocator(
     """Return an allocator for a vehicle.
 
     A vehicle is audited first.  It is refused if its rotors cannot control every axis or cannot
-    hover.  An `AllocationProblem` is not audited.  If all rotors are lost, the allocator is
-    `AtRest`, whatever the method.
+    hover.  An `AllocationProblem` is audited only with `lost_axes`.  If all rotors are lost, the
+    allocator is `AtRest`, whatever the method.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def make_allocator(
     lost_axes : 'refuse' or 'drop', optional
         'refuse': raise an error if the vehicle has lost axes or cannot hover.  'drop': leave out
         the lost axes; wrenches then have the components ``allocator.problem.axes``.  The default
-        is the value in the vehicle's parameter file.
+        is the value in the vehicle's parameter file.  `Allocator.with_health` keeps all axes.
     **options
         The settings of the method, see its class.
 
@@ -107,16 +107,14 @@ def make_allocator(
     ValueError
         If there is no such method, or a setting is wrong.
     ParameterError
-        If the vehicle is refused.
+        If the vehicle, or the problem, is refused.
     TypeError
         If the method has no such setting.
     """
     kind = method_class(method)
     settings = kind.settings_type(**options)
-    if isinstance(problem, Vehicle):
+    if isinstance(problem, Vehicle) or lost_axes is not None:
         return allocator_with(kind, accept(problem, lost_axes), settings)
-    if lost_axes is not None:
-        raise ValueError('lost_axes: only vehicles are audited, an AllocationProblem is not')
     return allocator_with(kind, problem, settings)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -15,7 +15,7 @@ from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import problem_of, vehicle_of
+from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.settings import Settings
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -34,7 +34,8 @@ class Allocator(ABC):
     Parameters
     ----------
     problem : Vehicle or AllocationProblem
-        A vehicle is audited (`ca_ros.problem.audit.accept`); a problem is not.
+        A vehicle is audited (`ca_ros.problem.audit.accept`); a problem is not, unless effectors
+        fail (`with_health`).
     settings : Settings, optional
         Of the class `settings_type`.
     **given
@@ -106,35 +107,37 @@ class Allocator(ABC):
 
     @cached_property
     def audit(self) -> Audit:
-        """The audit of the vehicle as it is.
-
-        Raises a TypeError if the problem has no vehicle.
-        """
-        return audit(vehicle_of(self.problem))
+        """The audit of the vehicle, or of the problem, as it is."""
+        return audit(self.problem)
 
     @property
     def lost_axes(self) -> tuple[str, ...]:
-        """The axes of the problem that the rotors cannot control, or not while they hover."""
+        """The axes of the problem that are lost; see `ca_ros.audit`."""
         return self.audit.lost
 
     def with_health(
-        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = ()
+        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = (),
+        stuck: Mapping[int, float] | None = None,
     ) -> Allocator:
-        """Return an allocator of the same method and settings for other rotor health.
+        """Return an allocator of the same method and settings after failures of the effectors.
 
         The wrench keeps its axes, those of `problem`.  Axes that are lost with this health leave
         the demand before the policies 'scale' and 'reject' act, and are served last by
         'prioritize'; see `lost_axes`.  An answer is EXACT only if all axes are met.  Without any
-        rotor all answers are at rest and INEXACT.
+        effector all answers are at rest and INEXACT.
 
         Parameters
         ----------
-        health : float or (n,) array
-            Share of its thrust that each rotor still gives, in [0, 1].  It replaces the health of
-            the vehicle: all ones give the allocator of the sound vehicle again.
+        health : float or array
+            Share of its thrust that each rotor still gives, or of its effect that each effector of
+            a problem still has, in [0, 1]; see `AllocationProblem.with_health`.  It replaces the
+            health before: all ones give the allocator without failures again.
         failed_arms : pairs of int, optional
             Coaxial pairs of which one rotor has failed, and which one is unknown: see
             `Vehicle.with_health`.
+        stuck : mapping of int to float, optional
+            Effectors that stick, from 1 on, and the value at which each stays; of a vehicle the
+            rotors whose servos stick, and the angles [rad].  By default those that stick already.
 
         Returns
         -------
@@ -143,9 +146,8 @@ class Allocator(ABC):
         Raises
         ------
         ParameterError
-            If the health is not 1 or n numbers in [0, 1], or an arm is wrong.
-        TypeError
-            If the problem has no vehicle.
+            If the health is not one number or one for each effector in [0, 1], an arm is wrong,
+            or an effector cannot stick there.
 
         Examples
         --------
@@ -155,10 +157,44 @@ class Allocator(ABC):
         >>> print(allocator.allocate([9.81, 0.1, 0.0, 0.0]))
         PRIORITIZED: thrust 9.81, roll 0.1, pitch 0, yaw 0.002882 of 0
         """
+        return self._for(self.problem.with_health(health, failed_arms, stuck))
+
+    def with_matrix(self, matrix: ArrayLike) -> Allocator:
+        """Return an allocator of the same method and settings for another matrix B.
+
+        It is for effectiveness that changes in operation, such as that of control surfaces with
+        the airspeed.  Axes, bounds and failures stay.
+
+        Parameters
+        ----------
+        matrix : (m, n) array
+            See `AllocationProblem.with_matrix`.
+
+        Returns
+        -------
+        Allocator
+
+        Raises
+        ------
+        ValueError
+            If the matrix has another shape, or does not suit the method.
+        TypeError
+            If the problem is that of a vehicle.
+
+        Examples
+        --------
+        >>> slow = AllocationProblem([[1.0, -1.0], [0.5, 0.5]], -0.4, 0.4)
+        >>> fast = Exact(slow).with_matrix(2.0 * slow.gamma)
+        >>> fast.allocate([0.6, 0.2]).effectors
+        array([ 0.25, -0.05])
+        """
+        return self._for(self.problem.with_matrix(matrix))
+
+    def _for(self, problem: AllocationProblem) -> Allocator:
+        """Return the same method for another state of the problem."""
         from ca_ros.allocation import after_failures
 
-        report = audit(vehicle_of(self.problem).with_health(health, failed_arms))
-        return after_failures(type(self), report, self.settings)
+        return after_failures(type(self), problem, self.settings)
 
     def within_rates(
         self, rates: ArrayLike | None = None, braking: ArrayLike | None = None
@@ -271,10 +307,10 @@ class Allocator(ABC):
 
 
 class AtRest(Allocator):
-    """Leaves all rotors at rest for every wrench, with the status INEXACT."""
+    """Leaves all effectors at rest for every wrench, with the status INEXACT."""
 
     takes_vectors = True
 
     def _allocate(self, u: Array) -> Allocation:
-        thrusts = self.problem.lower.copy()
+        thrusts = self.problem.resting_thrusts.copy()
         return Allocation(self.problem, u, thrusts, Status.INEXACT, level=0.0)

@@ -124,7 +124,7 @@ class Exact(Allocator):
         """Return problem and settings after failures; see `Allocator.suited`.
 
         Lost axes are the last group of 'prioritize', and no part of the problem of the others.
-        A reference of 'scale' that failures have put out of reach is replaced by hover.
+        A reference of 'scale' that failures have put out of reach is replaced by the default.
         """
         if settings.policy == 'prioritize':
             problem, lost = report.independent, [
@@ -140,9 +140,9 @@ class Exact(Allocator):
             full = report.full.check(settings.scale_reference, name='scale_reference')
             rows = [report.full.axes.index(axis) for axis in problem.axes]
             settings = replace(settings, scale_reference=full[rows])
-            if report.full.vehicle.health.min() < 1.0 and problem.has_volume:
+            if report.full.failed and problem.has_volume:
                 way = full[rows] - problem.center
-                # What the failures leave may not reach it: hover, the default, takes its place.
+                # What the failures leave may not reach it: the default takes its place.
                 if problem.reach(problem.center, way, 1.0) < 1.0:
                     settings = replace(settings, scale_reference=None)
         return problem, settings

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -15,17 +15,16 @@ from ca_ros.allocation.certificate import Certificate
 from ca_ros.allocation.explanation import Explanation
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array
-from ca_ros.problem.audit import Audit, accept, audit
+from ca_ros.problem.audit import Audit, audit
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import vehicle_of
 
 
 def allocator_for(kind: type[Allocator], report: Audit, settings: Any) -> Allocator:
     """Return the allocator of a class for what an audit left, with its `independent` axes."""
     problem = report.independent
-    if problem.vehicle.powerless:
-        # The settings must suit the rotors when they return.
-        kind(accept(report.full.vehicle.with_health(1.0), 'drop').independent, settings)
+    if problem.powerless:
+        # The settings must suit the effectors when they return.
+        kind(audit(report.full.with_health(1.0)).independent, settings)
         return AtRest(problem)
     part, suited = kind.suited(report, settings)
     if part.axes == problem.axes:
@@ -33,10 +32,15 @@ def allocator_for(kind: type[Allocator], report: Audit, settings: Any) -> Alloca
     return Reduced(problem, kind(part, suited), part.axes, settings)
 
 
-def after_failures(kind: type[Allocator], report: Audit, settings: Any) -> Allocator:
-    """Return the same with all axes of the vehicle; see `Allocator.with_health`."""
-    full, method = report.full, allocator_for(kind, report, settings)
-    whole = type(method) is kind and method.problem.axes == full.axes and not report.lost
+def after_failures(
+    kind: type[Allocator], problem: AllocationProblem, settings: Any
+) -> Allocator:
+    """Return the allocator of a class for all axes of a problem; see `Allocator.with_health`."""
+    if not problem.failed:
+        return kind(problem, settings)
+    report = audit(problem)
+    method = allocator_for(kind, report, settings)
+    whole = type(method) is kind and method.problem.axes == problem.axes and not report.lost
     return method if whole else Failed(report, kind, method, settings)
 
 
@@ -160,20 +164,27 @@ class Reduced(Allocator):
             airmode_blocks=spread(part.airmode_blocks, 0), airmode=spread(part.airmode, 0.0))
 
     def with_health(
-        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = ()
+        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = (),
+        stuck: Mapping[int, float] | None = None,
     ) -> Allocator:
         """Raise a TypeError: ask the allocator of the sound vehicle."""
-        raise TypeError('with_health: ask the allocator of the vehicle, before within_rates')
+        raise TypeError('with_health: ask the allocator before within_rates')
 
 
 class Failed(Reduced):
-    """The method of an allocator for the vehicle after failures, with all axes."""
+    """The method of an allocator after failures, with all axes."""
 
     def __init__(
         self, report: Audit, kind: type[Allocator], method: Allocator, settings: Any
     ) -> None:
         super().__init__(report.full, method, method.problem.axes, settings)
         self._kind, self.audit = kind, report
+
+    def __repr__(self) -> str:
+        """Return the same as of the method, with the lost axes."""
+        lost = ', '.join(self.lost_axes) or 'none'
+        return f'{super().__repr__()}, lost axes {lost}'.replace(
+            type(self).__name__, self._kind.__name__, 1)
 
     def explained(self, answer: Allocation, whole: Allocation) -> Explanation:
         """Return the explanation with NaN as what was served of lost axes."""
@@ -182,8 +193,11 @@ class Failed(Reduced):
         return replace(found, served=np.where(lost, np.nan, found.served))
 
     def with_health(
-        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = ()
+        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = (),
+        stuck: Mapping[int, float] | None = None,
     ) -> Allocator:
-        """Return the same method for other rotor health; see `Allocator.with_health`."""
-        report = audit(vehicle_of(self.problem).with_health(health, failed_arms))
-        return after_failures(self._kind, report, self.settings)
+        """Return the same method for other health; see `Allocator.with_health`."""
+        return self._for(self.problem.with_health(health, failed_arms, stuck))
+
+    def _for(self, problem: AllocationProblem) -> Allocator:
+        return after_failures(self._kind, problem, self.settings)

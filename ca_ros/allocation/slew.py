@@ -1,6 +1,6 @@
 """Slew limits: allocation within bounds that move with the last command."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -101,11 +101,18 @@ class SlewLimited(Allocator):
         return self.allocator.allocate_within(u, *self.reachable(command, seconds))
 
     def with_health(
-        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = ()
+        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = (),
+        stuck: Mapping[int, float] | None = None,
     ) -> Allocator:
-        """Return the same for other rotor health; see `Allocator.with_health`."""
-        changed = self.allocator.with_health(health, failed_arms)
-        return type(self)(changed, self.rates, self.braking)
+        """Return the same after failures; see `Allocator.with_health`."""
+        return self._with(self.allocator.with_health(health, failed_arms, stuck))
+
+    def with_matrix(self, matrix: ArrayLike) -> Allocator:
+        """Return the same for another matrix; see `Allocator.with_matrix`."""
+        return self._with(self.allocator.with_matrix(matrix))
+
+    def _with(self, allocator: Allocator) -> Allocator:
+        return type(self)(allocator, self.rates, self.braking)
 
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ca_ros.problem.audit import Audit, accept, audit
+from ca_ros.problem.audit import VehicleAudit, accept, audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.failures import in_words, read_failures, with_failures
@@ -24,7 +24,7 @@ class Fault:
 
     constant: str
     meaning: str
-    report: Audit
+    report: VehicleAudit
 
     def __post_init__(self) -> None:
         if self.report.vehicle.powerless or not self.problem.has_volume:
@@ -48,7 +48,7 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
     report = accept(vehicle)
     found = [Fault('NO_FAULT', 'the rotors are as in the file', report)]
 
-    def after(failures: dict[str, float]) -> Audit:
+    def after(failures: dict[str, float]) -> VehicleAudit:
         # Axes that are lost already stay so.
         return audit(with_failures(report.independent.vehicle, failures))
 

@@ -84,7 +84,7 @@ class MonitorNode(Node):
 
     def _use(self) -> None:
         self.detector: Detector = self.belief.built
-        self.detector.announce(self.belief.audit.full.vehicle.health)
+        self.detector.announce(self.belief.audit.full.health)
         self._announced = True
 
     def _publish_announced(self) -> None:

@@ -1,7 +1,8 @@
-"""The audit: which axes a vehicle's rotors can control, and the refusal of a vehicle."""
+"""The audit: which axes effectors can control, and the refusal of a vehicle."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar, overload
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ca_ros.problem.controllability import (
     lift,
     unit_rows,
 )
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem, problem_of, vehicle_of
 from ca_ros.settings import ParameterError, read
 from ca_ros.solver.zonotope import facet_normals
@@ -41,18 +43,29 @@ def too_far(length: float, mass: float) -> bool:
 class Audit:
     """The result of an audit.
 
-    - `full`: the problem of all axes of the vehicle
-    - `independent`: the problem of the axes that the rotors can control independently
+    Hover stands for the reference of a problem that has no vehicle.
+
+    - `full`: the problem of all axes
+    - `independent`: the problem of the axes that the effectors can control independently
     - `controllable`: the problem of the axes that are not lost
-    - `hovers`, `keeps_hovering`: whether hover is inside the admissible set of `full`, and of
-      `controllable`
     """
 
-    full: VehicleProblem
-    independent: VehicleProblem
-    controllable: VehicleProblem
-    hovers: bool
-    keeps_hovering: bool
+    full: AllocationProblem
+    independent: AllocationProblem
+    controllable: AllocationProblem
+
+    aim: ClassVar[str] = 'the reference'
+    subject: ClassVar[str] = 'problem'
+
+    @property
+    def hovers(self) -> bool:
+        """Whether hover is inside the admissible set of `full`."""
+        return self.full.reference_inside
+
+    @property
+    def keeps_hovering(self) -> bool:
+        """Whether hover is inside the admissible set of `controllable`."""
+        return self.controllable.reference_inside
 
     @property
     def lost(self) -> tuple[str, ...]:
@@ -65,16 +78,16 @@ class Audit:
 
     @property
     def rank(self) -> int:
-        """Rank of Gamma: number of axes that the rotors can control in theory."""
+        """Rank of Gamma: number of axes that the effectors can control in theory."""
         return int((self._singular > 1e-9).sum())
 
     @cached_property
     def independence(self) -> dict[str, float]:
-        """For each axis of `full`, how far the rotors can control it independently of the others.
+        """For each axis of `full`, how far it can be controlled independently of the others.
 
         It is the sine of the angle between its row of Gamma, with columns weighted by the ranges
-        of the thrusts, and the span of the other rows: 1 is best, 0 means that the rotors cannot
-        control the axis.
+        of the effectors, and the span of the other rows: 1 is best, 0 means that the effectors
+        cannot control the axis.
         """
         distances = controllability.independence(unit_rows(self.full)).tolist()
         return dict(zip(self.full.axes, distances, strict=True))
@@ -95,12 +108,102 @@ class Audit:
 
         It is -inf if that set has no volume.
         """
-        return controllability.hover_margin(self.full)
+        return controllability.reference_margin(self.full)
 
     @cached_property
     def controllable_hover_margin(self) -> float:
         """As `hover_margin`, for `controllable`."""
-        return controllability.hover_margin(self.controllable)
+        return controllability.reference_margin(self.controllable)
+
+    @cached_property
+    def authority(self) -> dict[str, tuple[float, float]]:
+        """For each axis of `controllable`, its range with the other axes at hover [N, N m].
+
+        Empty if hover is not attainable.
+        """
+        return controllability.authority(self.controllable) if self.keeps_hovering else {}
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle of `independent`; its `lost_axes` is 'drop' if it is not sound.
+
+        Raises a TypeError if the problem has none.
+        """
+        return vehicle_of(self.independent)
+
+    @property
+    def sound(self) -> bool:
+        """Whether no axis is lost and hover is attainable."""
+        return not self.lost and self.hovers
+
+    def __str__(self) -> str:
+        """Return the audit in one line."""
+        return self._text
+
+    @cached_property
+    def _text(self) -> str:
+        parts = [f'{", ".join(axes)} lost ({why})' for axes, why in self._losses() if axes]
+        parts += self._remains()
+        if not self.keeps_hovering:
+            return '; '.join([*parts, self.why_no_hover(), *self._lacks()])
+        if self.controllable.program.facet_choices <= STATED_CHOICES_MAX:
+            parts.append(self._margin())
+        ranges = (f'{axis} {self.ends(axis)} {self._unit(axis)}'.rstrip()
+                  for axis in self.authority)
+        return '; '.join([*parts, f'around {self.aim}: {", ".join(ranges)}'])
+
+    def _margin(self) -> str:
+        return f'margin of {self.aim} {self.controllable_hover_margin:.3g}'
+
+    def _unit(self, axis: str) -> str:
+        return self.full.axis_units[self.full.axes.index(axis)]
+
+    def _remains(self) -> list[str]:
+        """Return what is left of lost axes at hover, in words."""
+        return []
+
+    def _lacks(self) -> list[str]:
+        """Return what hover lacks, in words."""
+        return []
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is probably a slip in the file of a vehicle."""
+        return ()
+
+    def _losses(self) -> list[tuple[list[str], str]]:
+        """Return the lost axes by cause."""
+        kept, axes, dependent = self.independent.axes, len(self.full.axes), ''
+        if len(kept) < axes:
+            dependent = f'the allocation matrix has rank {self.rank} for {axes} axes'
+            if self.rank == axes:
+                least = min(self.independence.values())
+                dependent = f'independence {least:.2g}, at least {INDEPENDENCE_MIN:g} is needed'
+        return [
+            ([axis for axis in self.lost if axis not in kept], dependent),
+            ([axis for axis in self.lost if axis in kept], f'given up for {self.aim}'),
+        ]
+
+    def ends(self, axis: str) -> str:
+        """Return the range of an axis around hover in words, without the unit."""
+        low, high = self.authority[axis]
+        return f'{low:+.3g} to {high:+.3g}'
+
+    def why_no_hover(self) -> str:
+        """Return why hover is not attainable, in words."""
+        return f'the {self.full.effector_kind} cannot give {self.aim}'
+
+
+@dataclass(frozen=True, eq=False)
+class VehicleAudit(Audit):
+    """The result of an audit of a vehicle."""
+
+    full: VehicleProblem
+    independent: VehicleProblem
+    controllable: VehicleProblem
+
+    aim: ClassVar[str] = 'hover'
+    subject: ClassVar[str] = 'vehicle'
 
     @cached_property
     def _hover_thrusts(self) -> Array:
@@ -124,44 +227,21 @@ class Audit:
             return np.zeros(2)
         return controllability.side_force(self.controllable, self._hover_thrusts)
 
-    @cached_property
-    def authority(self) -> dict[str, tuple[float, float]]:
-        """For each axis of `controllable`, its range with the other axes at hover [N, N m].
+    def _margin(self) -> str:
+        return f'hover margin {self.controllable_hover_margin:.3g} [N, N m]'
 
-        Empty if hover is not attainable.
-        """
-        return controllability.authority(self.controllable) if self.keeps_hovering else {}
+    def _unit(self, axis: str) -> str:
+        return unit(axis)
 
-    @property
-    def vehicle(self) -> Vehicle:
-        """The vehicle of `independent`; its `lost_axes` is 'drop' if it is not sound."""
-        return self.independent.vehicle
-
-    @property
-    def sound(self) -> bool:
-        """Whether no axis is lost and the vehicle can hover."""
-        return not self.lost and self.hovers
-
-    def __str__(self) -> str:
-        """Return the audit in one line."""
-        return self._text
-
-    @cached_property
-    def _text(self) -> str:
-        parts = [f'{", ".join(axes)} lost ({why})' for axes, why in self._losses() if axes]
+    def _remains(self) -> list[str]:
+        """Return the yaw torque and the side force that hover leaves, in words."""
+        parts = []
         if self.spin_torque:
             parts.append(f'hover leaves a yaw torque of {self.spin_torque:+.2g} N m: it spins')
         if self.side_force.any():
             size = float(np.linalg.norm(self.side_force))
             parts.append(f'hover leaves a side force of {size:.2g} N: it drifts')
-        if self.keeps_hovering:
-            if self.controllable.program.facet_choices <= STATED_CHOICES_MAX:
-                parts.append(f'hover margin {self.controllable_hover_margin:.3g} [N, N m]')
-            ranges = (f'{axis} {self.ends(axis)} {unit(axis)}' for axis in self.authority)
-            parts.append(f'around hover: {", ".join(ranges)}')
-        else:
-            parts += [self.why_no_hover(), *self._lacks()]
-        return '; '.join(parts)
+        return parts
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -212,24 +292,6 @@ class Audit:
             f'{"large" if weak else "small"}'
         ]
 
-    def _losses(self) -> list[tuple[list[str], str]]:
-        """Return the lost axes by cause."""
-        kept, axes, dependent = self.vehicle.axes, len(self.full.axes), ''
-        if len(kept) < axes:
-            dependent = f'the allocation matrix has rank {self.rank} for {axes} axes'
-            if self.rank == axes:
-                least = min(self.independence.values())
-                dependent = f'independence {least:.2g}, at least {INDEPENDENCE_MIN:g} is needed'
-        return [
-            ([axis for axis in self.lost if axis not in kept], dependent),
-            ([axis for axis in self.lost if axis in kept], 'given up for hover'),
-        ]
-
-    def ends(self, axis: str) -> str:
-        """Return the text for the range of an axis around hover, without the unit."""
-        low, high = self.authority[axis]
-        return f'{low:+.3g} to {high:+.3g}'
-
     def why_no_hover(self) -> str:
         """Return why the vehicle cannot hover: its mass and the masses that the rotors lift."""
         least, most = lift(self.vehicle)
@@ -241,44 +303,53 @@ class Audit:
         return f'cannot hover: rotors that lift {most:.4g} kg cannot hold {mass} level'
 
 
-def audit(vehicle: Vehicle) -> Audit:
-    """Audit which axes a vehicle's rotors can control.
+@overload
+def audit(subject: Vehicle) -> VehicleAudit: ...
+@overload
+def audit(subject: Vehicle | AllocationProblem) -> Audit: ...
 
-    Axes are given up, yaw before roll and pitch, until the remaining ones are independent, and
-    then until hover is inside their admissible set.  Thrust is never given up.  The health of the
-    rotors counts.
+
+def audit(subject: Vehicle | AllocationProblem) -> Audit:
+    """Audit which axes the rotors of a vehicle, or the effectors of a problem, can control.
+
+    Axes are given up until the remaining ones are independent, and then until hover, or the
+    reference of the problem, is inside their admissible set: axes with other names than those of a
+    vehicle from the last one on, then yaw before pitch and roll.  Thrust is never given up.  The
+    health of rotors and effectors counts.
     """
-    full = VehicleProblem(
-        vehicle if isinstance(vehicle, Vehicle) else vehicle_of(problem_of(vehicle))
-    )
+    full = problem_of(subject)
     independent = controllability.independent_part(full)
-    hovering = controllability.hovering_part(independent)
-    if len(hovering.axes) < len(full.axes) or not full.hovers:
+    holding = controllability.holding_part(independent)
+    if len(holding.axes) < len(full.axes) or not full.reference_inside:
         # The caller accepts or refuses the vehicle by this audit; allocators must not refuse it.
         independent = independent.dropping()
-    return Audit(
-        full=full, independent=independent, controllable=hovering, hovers=full.hovers,
-        keeps_hovering=hovering.hovers,
-    )
+    kind: type[Audit] = VehicleAudit if isinstance(full, VehicleProblem) else Audit
+    return kind(full, independent, holding)
 
 
-def accept(vehicle: Vehicle, lost_axes: str | None = None) -> Audit:
+@overload
+def accept(subject: Vehicle, lost_axes: str | None = None) -> VehicleAudit: ...
+@overload
+def accept(subject: Vehicle | AllocationProblem, lost_axes: str | None = None) -> Audit: ...
+
+
+def accept(subject: Vehicle | AllocationProblem, lost_axes: str | None = None) -> Audit:
     """Audit a vehicle, and refuse it unless its rotors can control every axis and it can hover.
 
-    Raises a ParameterError if the vehicle is refused; the message says why, and what 'drop' would
-    do.
+    Raises a ParameterError if the vehicle, or the problem, is refused; the message says why, and
+    what 'drop' would do.
 
-    `lost_axes` ('refuse' or 'drop'): 'drop' refuses no vehicle: lost axes are given up.  Default:
-    `vehicle.lost_axes`, which is the parameter ``allocation.lost_axes`` of its file.
+    `lost_axes` ('refuse' or 'drop'): 'drop' refuses none: lost axes are given up.  The default for
+    a vehicle is its `lost_axes`, the parameter ``allocation.lost_axes`` of its file.
     """
-    choice = vehicle.lost_axes if lost_axes is None else lost_axes
+    choice = subject.lost_axes if lost_axes is None else lost_axes
     read(AxesSettings, {'lost_axes': choice})
-    report = audit(vehicle)
+    report = audit(subject)
     if choice == 'refuse' and not report.sound:
         without = f'without {", ".join(report.lost)}' if report.lost else 'as it is'
-        flies = '' if report.keeps_hovering else ', although it cannot hover'
+        flies = '' if report.keeps_hovering else f', although {report.aim} is not attainable'
         raise ParameterError(
-            f'allocation.lost_axes: this vehicle is refused: {report} '
+            f'allocation.lost_axes: this {report.subject} is refused: {report} '
             f"('drop' accepts it {without}{flies})"
         )
     return report

@@ -2,15 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from functools import cache
+from typing import TypeVar
 
 import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem, thrust_sets
+from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
-EXPENDABLE = ('force_y', 'force_x', 'yaw', 'pitch', 'roll')  # what is given up, in this order
+EXPENDABLE = ('force_y', 'force_x', 'yaw', 'pitch', 'roll')  # see `expendable`
 
 INDEPENDENCE_MIN = 0.05
 """Least sine of the angle between the row of one axis (`unit_rows`) and the span of the others.
@@ -25,6 +27,7 @@ DEPENDENT = 1e-6  # singular value below which a pseudo-inverse has too few digi
 STATED_CHOICES_MAX = 2000  # facet candidates up to which facets answer questions of hover: 1 ms
 
 Axes = tuple[str, ...]
+Part = TypeVar('Part', bound=AllocationProblem)
 
 
 def lift(vehicle: Vehicle) -> tuple[float, float]:
@@ -68,15 +71,24 @@ def _distances(rows: Array) -> Array | None:
     return np.asarray(1.0 / np.linalg.norm(left / singular, axis=1), float)
 
 
-def hover_margin(problem: VehicleProblem) -> float:
-    """Return the signed distance from hover to the boundary; -inf for a set without volume."""
+def expendable(axes: Sequence[str]) -> list[str]:
+    """Return the axes that may be given up, in this order: those that `exact` serves last."""
+    others = [axis for axis in axes if axis not in AXES]
+    return [*reversed(others), *(axis for axis in EXPENDABLE if axis in axes)]
+
+
+def reference_margin(problem: AllocationProblem) -> float:
+    """Return the signed distance from the reference, such as hover, to the boundary.
+
+    It is -inf for a set without volume.
+    """
     if not problem.has_volume:
         return -np.inf
-    return float(problem.attainable_set.margin(problem.hover))
+    return float(problem.attainable_set.margin(problem.reference))
 
 
-def independent_part(problem: VehicleProblem) -> VehicleProblem:
-    """Return the problem without the axes that the rotors cannot control independently."""
+def independent_part(problem: Part) -> Part:
+    """Return the problem without the axes that the effectors cannot control independently."""
     rows = dict(zip(problem.axes, unit_rows(problem), strict=True))
 
     def independent(axes: Axes) -> bool:
@@ -87,24 +99,30 @@ def independent_part(problem: VehicleProblem) -> VehicleProblem:
     return problem if axes == problem.axes else problem.part(axes)
 
 
-def hovering_part(problem: VehicleProblem) -> VehicleProblem:
-    """Return the problem without axes that prevent hover; unchanged if no choice allows hover."""
+def holding_part(problem: Part) -> Part:
+    """Return the problem without axes that prevent hover, or another reference.
+
+    It is unchanged if no choice of axes allows it.
+    """
 
     @cache
-    def part(axes: Axes) -> VehicleProblem:
+    def part(axes: Axes) -> Part:
         return problem if axes == problem.axes else problem.part(axes)
 
+    def holds(axes: Axes) -> bool:
+        return part(axes).reference_inside
+
     # No choice of axes lifts what the thrust alone does not.
-    if problem.hovers or ('thrust' in problem.axes and not part(('thrust',)).hovers):
+    if problem.reference_inside or ('thrust' in problem.axes and not holds(('thrust',))):
         return problem
-    found = part(_give_up(problem.axes, lambda axes: part(axes).hovers))
-    return found if found.hovers else problem
+    found = part(_give_up(problem.axes, holds))
+    return found if found.reference_inside else problem
 
 
 def _give_up(axes: Axes, good: Callable[[Axes], bool]) -> Axes:
     """Remove axes until the rest is good; prefer an axis whose removal suffices."""
     while not good(axes):
-        candidates = [axis for axis in EXPENDABLE if axis in axes]
+        candidates = expendable(axes)
         if not candidates or len(axes) == 1:
             break
         parts = (tuple(axis for axis in axes if axis != lost) for lost in candidates)
@@ -113,9 +131,9 @@ def _give_up(axes: Axes, good: Callable[[Axes], bool]) -> Axes:
     return axes
 
 
-def hover_thrusts(problem: VehicleProblem) -> Array:
+def hover_thrusts(problem: AllocationProblem) -> Array:
     """Return the least thrusts (n,) with which the axes of a problem hover [N]."""
-    return problem.program.thrusts(problem.hover)
+    return problem.program.thrusts(problem.reference)
 
 
 def spin_torque(full: VehicleProblem, kept: Sequence[str], thrusts: Array) -> float:
@@ -146,12 +164,12 @@ def side_force(problem: VehicleProblem, thrusts: Array) -> Array:
     return np.where(served | (np.abs(force) <= least), 0.0, force)
 
 
-def authority(problem: VehicleProblem) -> dict[str, tuple[float, float]]:
-    """Return the range of each axis around hover with the other axes at hover [N, N m]."""
+def authority(problem: AllocationProblem) -> dict[str, tuple[float, float]]:
+    """Return the range of each axis with the others at hover, or at another reference."""
     ways = np.diag(problem.extent)
     if problem.program.facet_choices <= STATED_CHOICES_MAX:
-        ends = problem.box.attainable_set.reach(problem.hover, np.concatenate([-ways, ways]))
+        ends = problem.box.attainable_set.reach(problem.reference, np.concatenate([-ways, ways]))
     else:
-        ends = np.array([problem.reach(problem.hover, way) for way in (*-ways, *ways)])
+        ends = np.array([problem.reach(problem.reference, way) for way in (*-ways, *ways)])
     low, high = (ends.reshape(2, -1) * [[-1.0], [1.0]] * problem.extent).tolist()
     return dict(zip(problem.axes, zip(low, high, strict=True), strict=True))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from math import hypot
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -30,6 +31,7 @@ from ca_ros.solver.zonotope import Zonotope, decomposition
 from ca_ros.vehicle.fields import EFFECTORS_MAX
 from ca_ros.vehicle.files import shipped_problems
 from ca_ros.vehicle.validation import ABSURD, different_names, numbers, ordered_bounds, repeated
+from ca_ros.vehicle.vehicle import HEALTH_MIN
 
 UNITS_MIN = 1e-6  # least range of an axis, also over the greatest, to judge errors
 INSIDE = 0.99  # greatest share of the way to the boundary at which a line may begin
@@ -88,6 +90,8 @@ class AllocationProblem:
         The u of the middles: the centre of the admissible set [N, N m].
     extent : (m,) array
         Half of the range of each component [N, N m].
+    health : array
+        Of each effector the share of its effect that it still has; see `with_health`.
 
     Raises
     ------
@@ -108,6 +112,10 @@ class AllocationProblem:
     """The unit of the effectors in messages, after a space."""
     sets: Any
     axis_units: tuple[str, ...] = ()
+    _sound: AllocationProblem | None = None
+    _stuck: Mapping[int, float] = MappingProxyType({})
+    lost_axes = 'refuse'
+    """What becomes of axes that are lost, if it is audited; see `ca_ros.problem.audit.accept`."""
     advice = ''
     """What the error of a set without volume recommends."""
 
@@ -151,8 +159,13 @@ class AllocationProblem:
             raise ValueError(f'reference: expected {m} numbers, got shape {start.shape}')
         self._fill(gamma, product, start)
         self._name(names)
+        self.health: Array = constant(np.ones(count))
+        self._check_units()
+
+    def _check_units(self) -> None:
+        """Raise a ValueError if errors of an axis cannot be judged in its unit."""
         least = UNITS_MIN * max(1.0, float(self.extent.max()))
-        if small := [k for k in range(m) if 0.0 < self.extent[k] < least]:
+        if small := [k for k in range(len(self.axes)) if 0.0 < self.extent[k] < least]:
             raise ValueError(
                 f'matrix: half of the range of {self.axes[small[0]]} is '
                 f'{self.extent[small[0]]:.3g}, too small beside the greatest, '
@@ -209,17 +222,120 @@ class AllocationProblem:
         """Return the problem with other bounds (n,) [N]; a TypeError if effectors are vectors."""
         other, _ = AllocationProblem.__new__(AllocationProblem), self.box
         for name in ('axes', 'effector_names', 'bound_names', 'effector_kind', 'unit',
-                     'axis_units'):
+                     'axis_units', 'health'):
             setattr(other, name, getattr(self, name))
         other._fill(self.gamma, Box(lower, upper), self.reference)
         return other
 
-    def part(self: Part, axes: Sequence[str]) -> Part:
-        """Return the problem of some of its axes, for the same effectors."""
-        rows, made = [self.axes.index(axis) for axis in axes], copy(self)
+    def _copy(self: Part) -> Part:
+        """Return a copy without what was worked out."""
+        made = copy(self)
         for name in [*vars(made)]:
             if isinstance(getattr(type(self), name, None), cached_property):
                 delattr(made, name)
+        return made
+
+    def with_matrix(self, matrix: ArrayLike) -> AllocationProblem:
+        """Return the problem with another matrix, for the same axes, effectors and bounds.
+
+        Failures stay: see `with_health`.
+
+        Parameters
+        ----------
+        matrix : (m, n) array
+            B, the control effectiveness matrix.
+
+        Raises
+        ------
+        ValueError
+            If the shape is another one, a number is not finite, or the range of an axis is too
+            small.
+        TypeError
+            If the matrix is that of a vehicle, which follows from its rotors.
+        """
+        gamma = numbers('matrix', matrix)
+        if gamma.shape != self.gamma.shape:
+            raise ValueError(
+                f'matrix: expected shape {self.gamma.shape}, one row per axis and one column per '
+                f'effector, got {gamma.shape}'
+            )
+        sound = self._sound or self
+        made = sound._copy()
+        made._fill(gamma, sound.sets, sound.reference)
+        made._check_units()
+        return made if self._sound is None else made.with_health(self.health, stuck=self._stuck)
+
+    def with_health(
+        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = (),
+        stuck: Mapping[int, float] | None = None,
+    ) -> AllocationProblem:
+        """Return the problem after failures of its effectors, which replace those before.
+
+        Parameters
+        ----------
+        health : float or array
+            Share of its effect that each effector still has, in [0, 1]: its columns of B are
+            multiplied by it.  Without health an effector rests: it stays at the value within its
+            bounds that is nearest to zero.
+        failed_arms : pairs of int, optional
+            Of a vehicle alone; see `Vehicle.with_health`.
+        stuck : mapping of int to float, optional
+            Effectors that do not move any more, from 1 on, and the value at which each stays; by
+            default those that are stuck already.
+
+        Raises
+        ------
+        ParameterError
+            If the health is not one number or one for each effector in [0, 1], or an effector
+            cannot stick there.
+        """
+        sound, sets = self._sound or self, (self._sound or self).sets
+        if tuple(failed_arms):
+            raise ParameterError('failed_arms: only vehicles have coaxial pairs of rotors')
+        shares = repeated('health', health, len(sets.first), 'effector')
+        if not ((shares >= 0.0) & (shares <= 1.0)).all():
+            raise ParameterError(f'health: expected numbers in [0, 1], got {shares.tolist()}')
+        shares = np.where(shares < HEALTH_MIN, 0.0, shares)
+        stuck = dict(self._stuck if stuck is None else stuck)
+        if (shares == 1.0).all() and not stuck:
+            return sound
+        if isinstance(sets, Box):
+            lower, upper = sets.lower.copy(), sets.upper.copy()
+            for effector, value in stuck.items():
+                i = effector - 1
+                if not (0 <= i < len(lower) and lower[i] <= value <= upper[i]):
+                    raise ParameterError(f'stuck: {sound._cannot_stick(effector, value)}')
+                lower[i] = upper[i] = value
+            rest = (shares == 0.0) & (lower < upper)
+            lower[rest] = upper[rest] = sound.resting_thrusts[rest]
+            sets = Box(lower, upper)
+        elif stuck:
+            raise ParameterError(
+                'stuck: effectors that are vectors in sets cannot stick; give the matrix and the '
+                'sets that are left'
+            )
+        made = sound._copy()
+        made._fill(sound.gamma * shares[sets.owners], sets, sound.reference)
+        made._sound, made._stuck, made.health = sound, stuck, constant(shares)
+        return made
+
+    def _cannot_stick(self, effector: int, value: float) -> str:
+        """Return why an effector, from 1 on, cannot stick at a value."""
+        if not 1 <= effector <= self.n:
+            return f'no effector {effector}; there are {self.n}'
+        low, high = (f'{end[effector - 1]:.4g}' for end in (self.lower, self.upper))
+        name = self.effector_names[effector - 1]
+        return f'{name} at {value!r}: expected a value within its bounds, {low} to {high}'
+
+    def dropping(self: Part) -> Part:
+        """Return the problem so that no allocator refuses it: itself, unless it has a vehicle."""
+        return self
+
+    def part(self: Part, axes: Sequence[str]) -> Part:
+        """Return the problem of some of its axes, for the same effectors."""
+        rows, made = [self.axes.index(axis) for axis in axes], self._copy()
+        if self._sound is not None:
+            made._sound = self._sound.part(axes)
         made.axes, made._shape = tuple(axes), (len(rows),)
         made.axis_units = tuple(self.axis_units[row] for row in rows)
         for name in 'gamma', 'reference', 'center', 'extent':
@@ -270,6 +386,16 @@ class AllocationProblem:
     def n(self) -> int:
         """Number of effectors."""
         return len(self.lower)
+
+    @property
+    def failed(self) -> bool:
+        """Whether an effector has failed."""
+        return self._sound is not None
+
+    @property
+    def powerless(self) -> bool:
+        """Whether no effector can give anything."""
+        return not (self.gamma * self.half_range).any()
 
     @property
     def impaired(self) -> IntArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, partial
@@ -10,6 +10,7 @@ from math import atan2, cos, hypot, pi, sin
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, IntArray
 from ca_ros.problem.problem import AllocationProblem
@@ -78,6 +79,43 @@ class VehicleProblem(AllocationProblem):
     def hover(self) -> Array:
         """The wrench (m,) that carries the vehicle's weight, without torque [N, N m]."""
         return self.reference
+
+    @property
+    def health(self) -> Array:  # type: ignore[override]
+        """The health (n,) of the rotors."""
+        return self.vehicle.health
+
+    @property
+    def failed(self) -> bool:
+        """Whether a rotor is lost or weak, an arm has failed, or a servo sticks."""
+        vehicle = self.vehicle
+        others = vehicle.failed_arms or vehicle.servos.unstuck is not None
+        return bool(others or vehicle.health.min() < 1.0)
+
+    @property
+    def powerless(self) -> bool:
+        """Whether all rotors are lost."""
+        return self.vehicle.powerless
+
+    def with_health(
+        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = (),
+        stuck: Mapping[int, float] | None = None,
+    ) -> VehicleProblem:
+        """Return the problem of the vehicle with other health; see `Vehicle.with_health`.
+
+        `stuck`: by rotor, from 1, the angle at which its servo sticks [rad].
+        """
+        vehicle = self.vehicle
+        if stuck is not None:
+            vehicle = vehicle.with_stuck_servos([x for pair in stuck.items() for x in pair] or 0.0)
+        return VehicleProblem(vehicle.with_health(health, failed_arms))
+
+    def with_matrix(self, matrix: ArrayLike) -> AllocationProblem:
+        """Raise a TypeError: the matrix of a vehicle follows from its rotors."""
+        raise TypeError(
+            'with_matrix: the matrix of a vehicle follows from its rotors; an AllocationProblem '
+            'has a matrix of its own'
+        )
 
     @property
     def impaired(self) -> IntArray:

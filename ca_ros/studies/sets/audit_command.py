@@ -15,7 +15,7 @@ import numpy as np
 
 from ca_ros.arguments import command
 from ca_ros.parameter_files import AllocatorSettings, ControllerNodeSettings, load_for
-from ca_ros.problem.audit import Audit, accept, audit
+from ca_ros.problem.audit import VehicleAudit, accept, audit
 from ca_ros.problem.controllability import lift
 from ca_ros.problem.diagnosis import Cause, diagnose
 from ca_ros.settings import ParameterError
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     return PROBABLY_WRONG if causes else 0
 
 
-def as_json(name: str, report: Audit, causes: Sequence[Cause]) -> dict[str, Any]:
+def as_json(name: str, report: VehicleAudit, causes: Sequence[Cause]) -> dict[str, Any]:
     """Return an audit as content of JSON; null where there is no number."""
     vehicle = report.full.vehicle
     failures = {}
@@ -80,7 +80,7 @@ def as_json(name: str, report: Audit, causes: Sequence[Cause]) -> dict[str, Any]
         'warnings': report.warnings}
 
 
-def remains(report: Audit, file: str) -> list[str]:
+def remains(report: VehicleAudit, file: str) -> list[str]:
     """Return what hover leaves of the forces along x and y, and what follows; empty if nothing."""
     force = report.side_force
     if not force.any():
@@ -125,14 +125,14 @@ def cases_of(vehicle: Vehicle) -> dict[str, Vehicle]:
     return cases
 
 
-def _row(report: Audit, axes: Sequence[str]) -> list[str]:
+def _row(report: VehicleAudit, axes: Sequence[str]) -> list[str]:
     lost = ', '.join(report.lost) or '-'
     if not report.keeps_hovering:
         return [lost, report.why_no_hover()]
     return [lost, margin(report), *(ends(report, axis) for axis in axes)]
 
 
-def margin(report: Audit) -> str:
+def margin(report: VehicleAudit) -> str:
     """Return the hover margin in words [N, N m]; of a vehicle that cannot hover '-'."""
     if not report.keeps_hovering:
         return '-'
@@ -142,7 +142,7 @@ def margin(report: Audit) -> str:
         return 'too many rotors'
 
 
-def ends(report: Audit, axis: str) -> str:
+def ends(report: VehicleAudit, axis: str) -> str:
     """Return the range of an axis around hover in words; '-' without one."""
     return report.ends(axis) if axis in report.authority else '-'
 
