@@ -127,7 +127,7 @@ SHARED = {
         'IMAGE_ROUNDING': qp.IMAGE_ROUNDING, 'CHANGED': qp.CHANGED,
         'EXACT_SUM': qp.EXACT_SUM, 'SUM': qp.SUM, 'AIM': qp.AIM},
     'priorities.c': {
-        'ZERO': lp.ZERO, 'SLACK': lp.SLACK, 'RATE_MIN': lp.RATE_MIN,
+        'ZERO': lp.ZERO, 'SLACK': lp.SLACK, 'RATE_MIN': lp.RATE_MIN, 'MAGNIFIED': lp.MAGNIFIED,
         'PIVOTS_PER_VARIABLE': lp.PIVOTS_PER_VARIABLE, 'INSIDE': prioritization.INSIDE,
         'REST': prioritization.REST, 'DOUBT': prioritization.DOUBT},
     'priorities.h': {

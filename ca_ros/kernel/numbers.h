@@ -63,6 +63,7 @@
  * ZERO                1e-8    1e-6   a rate that moves an axis by less than motors can follow
  * RATE_MIN            1e-9    1e-6   below ZERO, so that what blocks is not what a push has ignored
  * NOISE               1e-13   1e-6   rounding of a rate after some pivots
+ * MAGNIFIED           1e-3    1e-3   SLACK over it is some eps: a rate after a small pivot, whose error it has
  * UNCLEAR             0       3e-3   rounding after pivots of this size: a decision that needs digits
  * SLACK               1e-12   1e-6   rounding of a variable after some moves
  * DOUBT               10      1      pivots after one another, each with its error

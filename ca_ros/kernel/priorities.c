@@ -44,6 +44,8 @@ typedef ca_real real;
 
 /* Rate below which a variable does not depend on another; rates are of the order of 1. */
 #define ZERO CHOOSE(1e-8, 1e-6, 1e-6)
+/* Share of `doubt` below which a rate may be what pivots have made of rounding errors. */
+#define MAGNIFIED REAL(1e-3)
 /* Rate below which it is a rounding error. */
 #define NOISE CHOOSE(1e-13, 1e-6, 1e-6)
 /* Rate below which it could be a rounding error that pivots have magnified: if one decides, another
@@ -110,6 +112,12 @@ static inline int real_equal(real a, real b) { return a <= b && a >= b; }
 static real value_of(const simplex *s, int v)
 {
     return s->value[s->place[v]];
+}
+
+/* A threshold of rates, above the rounding errors that pivots have magnified. */
+static real above_noise(const simplex *s, real rate)
+{
+    return real_max(rate, MAGNIFIED * s->doubt);
 }
 
 static void put(simplex *s, int place, int v, real value, real lower, real upper)
@@ -181,6 +189,7 @@ static int move(simplex *s, int k, real way, int target, int *blocked)
 {
     const int x = ROWS + k;
     const real sign = way > 0 ? REAL(1) : REAL(-1);
+    const real least = above_noise(s, RATE_MIN);
     real length = real_abs(way), room[ROWS], speed[ROWS];
     int row[ROWS], near = 0, reached = 1;
     *blocked = -1;
@@ -196,7 +205,7 @@ static int move(simplex *s, int k, real way, int target, int *blocked)
     real furthest = length;
     for (int r = 0; r < s->rows; r++) {
         const real rate = sign * s->rates[r][k], size = real_abs(rate);
-        if (r == target || size < RATE_MIN)
+        if (r == target || size < least)
             continue;
         const real left = rate > 0 ? s->upper[r] - s->value[r] : s->value[r] - s->lower[r];
         if (left < size * furthest) {
@@ -240,6 +249,7 @@ static int can_move(const simplex *s, int place, int up)
 /* The variable of row r cannot move any further: note what proves it. */
 static void prove(simplex *s, int r, real left)
 {
+    const real zero = above_noise(s, ZERO);
     for (int j = 0; j < s->columns; j++) {
         const real rate = s->rates[r][j], size = real_abs(rate);
         const int x = s->variable[ROWS + j];
@@ -250,7 +260,7 @@ static void prove(simplex *s, int r, real left)
         /* Neither its sign nor whether it is zero may be clear. */
         if (s->nearly_level && size > 0 && size < UNCLEAR && lower < upper)
             s->unclear = 1;
-        if (size > ZERO) {
+        if (size > zero) {
             if (s->final && x < s->thrusts)
                 s->held[x] = 1;
         } else if (size > 0) {
@@ -278,7 +288,7 @@ static int approach(simplex *s, int v, real goal)
     const int r = s->place[v];
     for (int pivot = 0; pivot < PIVOTS_PER_VARIABLE * s->count && !s->unclear; pivot++) {
         const real left = goal - s->value[r];
-        real best = ZERO;
+        real best = above_noise(s, ZERO);
         int k = -1;
         for (int j = 0; j < s->columns; j++) {
             const real rate = s->rates[r][j], size = real_abs(rate);

@@ -407,5 +407,6 @@ class _Run:
     def push(self, v: int, goal: float) -> bool:
         """Push a variable, and note what limits it."""
         reached = self.simplex.push(v, goal)
-        self.held |= {x for x, rate in self.simplex.proof.items() if abs(rate) > ZERO}
+        zero = self.simplex.above_noise(ZERO)
+        self.held |= {x for x, rate in self.simplex.proof.items() if abs(rate) > zero}
         return reached

@@ -9,6 +9,7 @@ from ca_ros.arrays import Array
 ZERO = 1e-8  # rate below which a variable does not depend on another; rates are of the order of 1
 SLACK = 1e-12  # distance by which rounding may move a variable out of its bounds
 RATE_MIN = 1e-9  # rate below which a variable does not block a move
+MAGNIFIED = 1e-3  # share of `doubt` below which a rate may be magnified rounding errors
 
 PIVOTS_PER_VARIABLE = 8  # limit of one push; the tests need one at most
 
@@ -99,7 +100,7 @@ class Simplex:
             self._pivot(blocked, k)
         r = self._basic.index(v)
         for pivot in range(PIVOTS_PER_VARIABLE * len(value)):
-            left, best, k = goal - value[v], ZERO, -1
+            left, best, k = goal - value[v], self.above_noise(ZERO), -1
             for j, (rate, x) in enumerate(zip(self._rates[r], self._nonbasic)):  # noqa: B905
                 if abs(rate) > best and (
                     value[x] < upper[x] if (rate > 0.0) == (left > 0.0) else value[x] > lower[x]
@@ -113,7 +114,7 @@ class Simplex:
                 row = zip(self._nonbasic, self._rates[r], strict=True)
                 self.proof = {x: sign * rate for x, rate in row}
                 for x, rate in self.proof.items():
-                    if abs(rate) <= ZERO:
+                    if abs(rate) <= best:
                         room = upper[x] - value[x] if rate > 0.0 else value[x] - lower[x]
                         self.doubt += abs(rate) * min(room, 2.0)
                 return False
@@ -124,6 +125,10 @@ class Simplex:
             if blocked >= 0:
                 self._pivot(blocked, k)
         return False
+
+    def above_noise(self, rate: float) -> float:
+        """Return a threshold of rates, above the rounding errors that pivots have magnified."""
+        return max(rate, MAGNIFIED * self.doubt)
 
     def release(self, v: int) -> None:
         """Fix variable v at its value, and make it nonbasic."""
@@ -205,10 +210,11 @@ class Simplex:
                 length, reached = own, False
         # Harris's ratio test: bounds may be exceeded by rounding errors, so that of the variables
         # that block almost together the fastest one, the best pivot, leaves the basis.
+        least = self.above_noise(RATE_MIN)
         coming, furthest = [], length
         for r, v in enumerate(self._basic):
             rate = sign * self._rates[r][k]
-            if v == target or -RATE_MIN < rate < RATE_MIN:
+            if v == target or -least < rate < least:
                 continue
             room = upper[v] - value[v] if rate > 0.0 else value[v] - lower[v]
             speed = abs(rate)
