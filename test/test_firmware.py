@@ -255,6 +255,29 @@ def test_golden_vectors_are_the_answers_of_the_allocator(name):
             assert np.all((least <= speeds) & (speeds <= greatest))
 
 
+@pytest.mark.parametrize('options', [
+    {'policy': 'scale'}, {'policy': 'reject'}, {'order': ['yaw', 'roll pitch', 'thrust']},
+], ids=str)
+@pytest.mark.parametrize('name', ['hexarotor', 'quadrotor'])
+def test_a_fault_leaves_lost_axes_out_as_the_allocator_does(name, options):
+    given = read(name) | {f'allocation.exact.{key}': value for key, value in options.items()}
+    vehicle, settings = Vehicle.load(name), checked(given).allocation
+    firmware = Firmware.make(faults_of(vehicle, ['single']), settings, 'double')
+    whole = make_allocator('exact', vehicle, **options)
+    for fault in range(1, vehicle.n + 1):
+        health = np.ones(vehicle.n)
+        health[fault - 1] = 0.0
+        allocator = whole.with_health(health)
+        for u in golden.wrenches(firmware, fault, golden.SIZE):
+            status, speeds = firmware.allocate(fault, u)
+            answer = allocator.allocate(u)
+            if answer.status != status:
+                # A lost axis is missed, which the status of the firmware does not concern.
+                assert status == Status.EXACT
+                assert not np.allclose(answer.wrench, u)
+            np.testing.assert_allclose(speeds**2, answer.speeds**2, rtol=1e-9, atol=1e-6)
+
+
 def test_what_is_no_wrench_or_no_fault_gets_idle_speeds():
     firmware = firmware_of('quadrotor', 'single')
     special = golden.special(firmware)

@@ -1,10 +1,14 @@
 """The faults that can be announced to the firmware: the health of the rotors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from ca_ros.allocation.exact import Exact
+from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.problem.audit import VehicleAudit, accept, audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
@@ -18,13 +22,15 @@ CHOICES = ('none', 'single')  # names of sets of faults: no fault, or the loss o
 class Fault:
     """A known health of the rotors; entry 0 of a list of faults means no fault.
 
-    `constant`: the name of its constant in C, without the name of the vehicle.  `report`: what the
-    rotors can still command.
+    - `constant`: the name of its constant in C, without the name of the vehicle
+    - `report`: what the rotors can still command
+    - `settings`: of the method, for the vehicle without a fault
     """
 
     constant: str
     meaning: str
     report: VehicleAudit
+    settings: ExactSettings = field(default_factory=ExactSettings)
 
     def __post_init__(self) -> None:
         if self.report.vehicle.powerless or not self.problem.has_volume:
@@ -32,8 +38,18 @@ class Fault:
 
     @property
     def problem(self) -> VehicleProblem:
-        """The problem of the axes that the rotors can control independently."""
-        return self.report.independent
+        """The problem that the method solves; see `Exact.suited`."""
+        problem: VehicleProblem = self._suited[0]
+        return problem
+
+    @property
+    def suited(self) -> ExactSettings:
+        """The settings of the method for this fault."""
+        return self._suited[1]
+
+    @cached_property
+    def _suited(self) -> tuple[Any, ExactSettings]:
+        return Exact.suited(self.report, self.settings)
 
 
 def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:

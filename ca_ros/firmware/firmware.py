@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -64,7 +64,8 @@ class Firmware:
             words = 'firmware is made of the method exact'
             raise ParameterError(f'allocation.method: {words}, got {settings.method}')
         with full_names(settings):
-            return cls._made(faults, settings, precision)
+            suited = [replace(fault, settings=settings.exact) for fault in faults]
+            return cls._made(suited, settings, precision)
 
     @classmethod
     def _made(
@@ -80,14 +81,14 @@ class Firmware:
                 'compiler, then ca_ros again'
             )
         made = [
-            kernel_for(kind, fault.problem, settings.exact, DTYPES[precision]) for fault in faults
+            kernel_for(kind, fault.problem, fault.suited, DTYPES[precision]) for fault in faults
         ]
         return cls(faults, made, settings, precision)
 
     @property
     def problem(self) -> VehicleProblem:
-        """The problem without a fault."""
-        return self.faults[0].problem
+        """The problem without a fault, with all axes of a wrench."""
+        return self.faults[0].report.independent
 
     @property
     def columns(self) -> int:

@@ -48,14 +48,15 @@ class TiltingFirmware(Firmware):
                 f'the rotors have more than 32 components: {components(problem, settings)}, with '
                 f'those of the axes for the policy prioritize'
             )
-        fields = (SetsNumpy(each.problem, settings.exact).fields for each in faults)
+        fields = (SetsNumpy(each.problem, each.suited).fields for each in faults)
         return cls(faults, [made(module, each) for each in fields], settings, precision)
 
     @cached_property
     def constants(self) -> Sequence[Fields]:
         """For each fault, the fields of its problem in C."""
-        exact, module = self.settings.exact, extension(MODULES[self.precision])
-        return [padded(module, SetsNumpy(each.problem, exact).fields) for each in self.faults]
+        module = extension(MODULES[self.precision])
+        return [padded(module, SetsNumpy(each.problem, each.suited).fields)
+                for each in self.faults]
 
     def drawn(
         self, fault: int, rng: np.random.Generator, size: int
