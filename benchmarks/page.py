@@ -11,7 +11,7 @@ from benchmarks.parts import SETS
 from benchmarks.sizes import Sizes
 from ca_ros.studies.tables import number, table
 
-PICTURE = '![Times per call over the clipped pseudo-inverse; hollow: wrong answers](results.png)'
+PICTURE = '![Times per call, from Python and in C; hollow: wrong answers](results.png)'
 PARTS = {
     'rotors': 'Number of rotors: microseconds per call',
     'batches': 'Batches: microseconds per wrench, on one core unless two are named',

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 COLORS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#e69f00', '#56b4e9')
 """The palette of Okabe and Ito, which colour-blind readers can tell apart."""
 
+MORE = ('#882255', '#332288', '#999933', '#661100', '#44aa99', '#555555')
+"""Darker colours of Paul Tol, for the lines that follow those of `COLORS`."""
+
 STYLE: dict[Any, Any] = {
     'axes.titlelocation': 'left', 'axes.grid': True, 'axes.titlesize': 'medium', 'grid.alpha': 0.3,
     'axes.spines.top': False, 'axes.spines.right': False, 'legend.frameon': False,
@@ -177,8 +180,9 @@ def save(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path]:
 
 def line(i: int) -> dict[str, Any]:
     """Return the style of line i; dashes tell lines apart in grey, too."""
+    colors = (*COLORS, *MORE)
     turn = i // len(COLORS)
-    return {'color': COLORS[i % len(COLORS)], 'linestyle': DASHES[(i + turn) % len(DASHES)]}
+    return {'color': colors[i % len(colors)], 'linestyle': DASHES[(i + turn) % len(DASHES)]}
 
 
 def rotor_lines(n: int) -> dict[str, dict[str, Any]]:

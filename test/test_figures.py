@@ -15,7 +15,7 @@ from ca_ros import Vehicle
 from ca_ros.bringup.report import draw_flight
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
-from ca_ros.figures import COLORS, FORMATS, formats, millimetres, save
+from ca_ros.figures import COLORS, FORMATS, formats, millimetres, rotor_lines, save
 from ca_ros.simulation.record import Flight
 from strategies import FLEET, length
 
@@ -64,6 +64,10 @@ def test_a_flight_has_a_line_for_each_servo_in_the_colour_of_its_rotor(name, rin
     servos = angles.lines[:rings * vehicle.n]
     assert [drawn.get_color() for drawn in servos] == np.repeat(rotors, rings).tolist()
     assert len({drawn.get_linestyle() for drawn in servos}) == rings
+
+
+def test_twelve_rotors_have_twelve_colours():
+    assert len({look['color'] for look in rotor_lines(12).values()}) == 12
 
 
 @pytest.mark.slow

@@ -128,7 +128,10 @@ def realistic_table(ideal: pd.DataFrame, real: pd.DataFrame) -> str:
 
 
 def draw(wrenches: Mapping[str, Mapping[str, Any]], rows: pd.DataFrame) -> Figure:
-    """Draw four metrics as bars, one row per method; black is `exact`."""
+    """Draw four metrics as bars, one row per method, those with the fewest flights lost first.
+
+    Black is `exact`; bold numbers are the least of their panel.
+    """
     outside = [own['outside'] for own in wrenches.values()]
     tilts = [100.0 * own['lost']['roll and pitch'] for own in outside]
     flown = rows.groupby('contender', sort=False)['recovered']
@@ -142,10 +145,16 @@ def draw(wrenches: Mapping[str, Mapping[str, Any]], rows: pd.DataFrame) -> Figur
     with matplotlib.rc_context(style()):
         figure, body = sheet(3.4)
         parts = body.subplots(1, len(panels), sharey=True)
+        names = [*CONTENDERS]
+        order = np.lexsort((tilts, lost))
         for axes, (words, values) in zip(parts, panels.items(), strict=True):
-            colors = ['black' if name == 'exact' else '0.65' for name in CONTENDERS]
-            bars = axes.barh([title(name) for name in CONTENDERS], values, color=colors)
-            axes.bar_label(bars, [f'{value:.0f}' for value in values], padding=4)
+            colors = ['black' if names[i] == 'exact' else '0.65' for i in order]
+            bars = axes.barh([title(names[i]) for i in order], [values[i] for i in order],
+                             color=colors)
+            shown = [f'{values[i]:.0f}' for i in order]
+            least = min(shown, key=float)
+            for words_of, label in zip(shown, axes.bar_label(bars, shown, padding=4), strict=True):
+                label.set_fontweight('bold' if words_of == least else 'normal')
             axes.set_title(words)
             axes.set_xlim(0.0, 1.25 * max(values))
             axes.set_xticks([])

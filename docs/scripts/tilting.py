@@ -155,7 +155,7 @@ def figure() -> None:
           f'pseudo-inverse {np.abs(np.diff(other)).max():.2f} rad, {missed.max():.2f} N')
     panels = {
         'angle [rad]': (other, mine), 'thrust [N]': (before, thrust),
-        '|u - wrench| [N, N m]': (missed, error),
+        'error of the wrench\n[N, N m]': (missed, error),
     }
     with matplotlib.rc_context(style()):
         drawing = Figure(figsize=(7.1, 5.6))
@@ -164,6 +164,9 @@ def figure() -> None:
             axes.plot(times, theirs, color=COLORS[1], label='pseudo-inverse')
             axes.plot(times, ours, color=COLORS[0], label='exact, servos at most 3 rad/s')
             axes.set_ylabel(label)
+        parts[0].set_title(
+            'Thruster 1 of azimuth_boat; demand: force x 16 cos(t) N, '
+            f'force y {side:.2f} N, yaw 8 N m', y=1.22)
         parts[0].legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=2)
         parts[2].set_xlabel('time [s]')
         drawing.align_ylabels()

@@ -29,12 +29,13 @@ ALIKE = 0.01
 """Greatest difference of curves that look like one, as a share of the height of a panel."""
 
 COMPONENTS: list[dict[str, Any]] = [
-    {'color': '0.72', 'linewidth': 3.2}, {'color': '0.45', 'linewidth': 2.2},
+    {'color': '0.7', 'linewidth': 3.4},
+    {'color': 'black', 'linewidth': 1.6, 'linestyle': (0, (2, 2))},
     {'color': 'black', 'linewidth': 1.0},
 ]  # fmt: skip
 """The styles of x, y and z, and of forces and torques along and about them.
 
-Where they coincide, those below are wider.
+Where they coincide, the wide line is seen between the dashes.
 """
 
 AFTER = 5.0  # how long the plot of failures goes on after the last moment [s]
@@ -178,7 +179,7 @@ def _draw_rows(
     titles, notes = panel_titles(groups, figures.inches() / columns - 0.3)
     handles = [*entries(figures.rotor_lines(study.vehicle.n))] if 'speeds' in rows else []
     handles += _components(rows, study.vehicle.axes)
-    height = (0.6 + 1.75 * len(panels)) * blocks
+    height = (0.6 + (1.75 if len(panels) == 1 else 1.15) * len(panels)) * blocks
     figure, body = figures.sheet(height, [*handles, *_kinds(study)], notes)
     grid = body.subplots(len(panels) * blocks, columns, sharex=True, sharey='row', squeeze=False)
     # Each block has a row for each panel, and a column per group.

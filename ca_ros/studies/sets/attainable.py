@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ca_ros.arguments import HelpFormatter, split
@@ -25,8 +26,11 @@ from ca_ros.studies.sets.sections import fixed, labels, units
 from ca_ros.vehicle.failures import in_words, read_failures, with_failures
 from ca_ros.vehicle.vehicle import Vehicle
 
-LOOKS: Any = (('-', 0.25), ((0, (4, 2)), 0.45), ((0, (1, 1)), 0.6))
-"""Dashes of the edges and opacity of each set. Some readers of PDF files do not draw hatches."""
+LOOKS: Any = (('-', 0.25), ((0, (4, 2)), 0.35), ((0, (1, 1)), 0.45))
+"""Dashes of the edges and strength of the colour of each set.
+
+Some readers of PDF files do not draw hatches.
+"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -88,7 +92,8 @@ def _plot(
     problem = next(iter(sets.values())).problem
     words = 'other axes: any value' if projection else fixed(problem, axes, at)
     reference = problem.reference[[problem.axes.index(axis) for axis in axes]]
-    return draw(shapes, reference, labels(problem, axes), words, width), shapes
+    point = 'hover' if isinstance(problem, VehicleProblem) else 'reference'
+    return draw(shapes, reference, labels(problem, axes), words, width, point), shapes
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -161,12 +166,12 @@ def _at(problem: AllocationProblem, axes: Sequence[str], options: argparse.Names
 
 def draw(
     polytopes: Mapping[str, Polytope], reference: Array, labels: Sequence[str], words: str = '',
-    width: float = WIDTHS['page'],
+    width: float = WIDTHS['page'], point: str = 'reference',
 ) -> Figure:
     """Plot polytopes of two axes as filled polygons, or of three axes as bodies.
 
-    They stand by their names in the legend; a + marks the reference (k,).  The labels are those of
-    the axes, the words the title; the figure has a width [mm].
+    They stand by their names in the legend; a + marks the reference (k,), a `point` of this name.
+    The labels are those of the axes, the words the title; the figure has a width [mm].
     """
     with matplotlib.rc_context(style(width)):
         looks = [_look(i) for i in range(len(polytopes))]
@@ -175,15 +180,21 @@ def draw(
             for (name, each), look in zip(polytopes.items(), looks, strict=True)
         ]
         height = 0.8 * min(width, 110.0) / INCH
-        figure, body = sheet(height, handles if len(handles) > 1 else [])
+        mark: Any = {'color': 'black', 'marker': '+', 'linestyle': 'none', 'markersize': 9,
+                     'markeredgewidth': 1.6, 'zorder': 9}
+        cross = Line2D([], [], label=point, **mark)
+        figure, body = sheet(height, [*handles, cross] if len(handles) > 1 else [cross])
         solid = len(labels) == 3
         plot: Any = body.add_subplot(projection='3d' if solid else None)
         for polytope, look in zip(polytopes.values(), looks, strict=True):
             if solid and not polytope.empty:
                 _draw_body(plot, polytope, look)
             elif not polytope.empty:
-                plot.fill(*polytope.vertices.T, **look)
-        plot.plot(*reference[:, None], '+', color='black', markersize=9, mew=1.6, zorder=9)
+                # Colours do not blend, and every edge is above every fill.
+                plot.fill(*polytope.vertices.T, color=_pale(look['facecolor']), linewidth=0.0)
+                edge = {**look, 'facecolor': 'none', 'zorder': 4}
+                plot.fill(*polytope.vertices.T, **edge)
+        plot.plot(*reference[:, None], **mark)
         plot.set(title=words, xlabel=labels[0], ylabel=labels[1])
         if solid:
             plot.set_zlabel(labels[2])
@@ -204,6 +215,12 @@ def _look(i: int) -> dict[str, Any]:
     color = COLORS[i % len(COLORS)]
     face = matplotlib.colors.to_rgba(color, opacity)
     return {'facecolor': face, 'edgecolor': color, 'linestyle': dashes, 'linewidth': 1.4}
+
+
+def _pale(color: tuple[float, ...]) -> tuple[float, ...]:
+    """Return an opaque colour like a transparent one on white."""
+    *parts, opacity = color
+    return tuple(1.0 - opacity * (1.0 - part) for part in parts)
 
 
 def _draw_body(plot: Any, polytope: Polytope, look: dict[str, Any]) -> None:

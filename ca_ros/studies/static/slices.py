@@ -1,7 +1,6 @@
-"""The plot of what methods achieve in plane sections of the admissible set."""
+"""The plot of what methods achieve in a plane section of the admissible set."""
 
 from collections.abc import Mapping
-from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from ca_ros.allocation import Allocator
 from ca_ros.arrays import Array
-from ca_ros.figures import COLORS, across, inches, letters, sheet
+from ca_ros.figures import COLORS, across, inches, sheet
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.studies.errors import evaluate
 from ca_ros.studies.plot_style import PANELS_MAX, panel_titles
@@ -37,46 +36,39 @@ OUTLINE: dict[str, Any] = {'facecolor': 'none', 'edgecolor': 'black', 'linewidth
 def draw_slices(
     admissible: AdmissibleSet, allocators: Mapping[str, Allocator]
 ) -> Figure | None:
-    """Draw what methods achieve for a grid of commands in sections, and for some outside the last.
+    """Draw what methods achieve for commands in a section of the set, and around it.
 
-    Methods that achieve the same share a panel; with more than `PANELS_MAX` panels only the last
-    section is drawn.  None without a section to draw.
+    Methods that achieve the same share a panel.  None without a section to draw.
     """
-    cuts = sections(admissible, ('roll', 'pitch'), ('roll', 'yaw'))
+    cuts = sections(admissible, ('roll', 'yaw')) or sections(admissible, ('roll', 'pitch'))
     if not cuts:
         return None
-    last = cuts[-1]
-    panels = [
-        (cut, demands[:, cut.rows], achieved, names) for cut in cuts
-        for demands in [_demands(cut, admissible, cut is last)]
-        for names, achieved in _achieved(cut, admissible, allocators, demands)
-    ]
-    if len(panels) > PANELS_MAX:
-        # The last section has the commands outside, too, and says more.
-        panels = [panel for panel in panels if panel[0] is last]
-    columns = across(min(len(panels), 3), 1.6)
-    width = inches() / columns - 0.5
-    titles, notes = panel_titles([names for *_, names in panels], width)
-    panels = panels[:PANELS_MAX]
-    rows = -(-len(panels) // columns)
+    [cut] = cuts
+    demands = _demands(cut, admissible)
+    panels = _achieved(cut, admissible, allocators, demands)
+    shown = panels[:PANELS_MAX]
+    # Four are two and two.
+    columns = across(min(len(shown), 2 if len(shown) == 4 else 3), 1.6)
+    titles, notes = panel_titles([names for names, _ in panels], inches() / columns - 0.5)
+    rows = -(-len(shown) // columns)
     outline = Line2D([], [], color='black', linewidth=0.8, label='admissible set')
     looks = {'commanded': COMMANDED, 'achieved': ACHIEVED}
     points = [Line2D([], [], label=label, **look) for label, look in looks.items()]
-    figure, body = sheet(2.05 * rows, [outline, *points], notes)
-    grid = body.subplots(rows, columns, squeeze=False).flatten()
-    for axes, words, (cut, commanded, achieved, _) in zip(grid, titles, panels, strict=False):
-        _draw(axes, cut, commanded, achieved)
-        axes.set_title('\n'.join([words, *wrap(cut.title, letters(width))]))
-    for axes in grid[len(panels) :]:
+    figure, body = sheet(2.3 * rows, [outline, *points], [*notes, f'Section: {cut.title}'])
+    grid = body.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).flatten()
+    for axes, words, (_, achieved) in zip(grid, titles, shown, strict=False):
+        _draw(axes, cut, demands[:, cut.rows], achieved)
+        axes.set_title(words)
+        axes.label_outer()
+    for axes in grid[len(shown) :]:
         axes.remove()
     return figure
 
 
-def _demands(cut: Section, admissible: AdmissibleSet, outside: bool) -> Array:
-    """Return a grid of commands inside, and if so wished some outside."""
+def _demands(cut: Section, admissible: AdmissibleSet) -> Array:
+    """Return a grid of commands inside, and some outside."""
     demands = cut.wrenches(*np.meshgrid(*cut.grid(COMMANDS))).reshape(-1, len(cut.reference))
-    demands = demands[admissible.contains(demands)]
-    return np.concatenate([demands, _outside(cut)]) if outside else demands
+    return np.concatenate([demands[admissible.contains(demands)], _outside(cut)])
 
 
 def _outside(cut: Section) -> Array:
