@@ -8,7 +8,10 @@ import pytest
 
 from ca_ros import Exact, ParameterError, Vehicle
 from ca_ros.__main__ import main
+from ca_ros.control.waypoint import Waypoint
+from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.simulation.record import Flight
+from ca_ros.studies.cases import Case
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.formats.edited_yaml import with_values
 from ca_ros.vehicle.formats.recording import Recording, read_recording
@@ -40,8 +43,9 @@ def flown(name, seconds=16.0, seed=0):
             torque = 12.0 * np.diag(vehicle.inertia) * (wanted - rates)
             given[k:] = allocator.allocate([lift, *torque]).speeds
         delayed = given[max(0, k - round(DELAY / STEP))]
+        before = speeds
         speeds = speeds + (1.0 - np.exp(-STEP / LAG)) * (delayed - speeds)
-        wrench = THRUST * wrenches @ vehicle.thrusts(speeds)
+        wrench = THRUST * wrenches @ vehicle.thrusts((before + speeds) / 2.0)
         gyro[k], acc[k] = rates + noise[k, :3], wrench[:3] / vehicle.mass + noise[k, 3:]
         turning = wrench[3:] - np.cross(rates, inertia @ rates)
         rates = rates + STEP * np.linalg.solve(inertia, turning)
@@ -189,6 +193,29 @@ def test_the_flight_of_a_simulation_is_read(tmp_path):
     np.testing.assert_array_equal(found['command'], flight.speeds)
     np.testing.assert_array_equal(found['gyro'], flight.angular_velocity)
     np.testing.assert_array_equal(found['velocity'], flight.velocity)
+
+
+def test_the_flight_of_bringup_gives_back_what_was_simulated(tmp_path):
+    # A flight over ROS writes the same bytes: test_flights_over_ros.py.
+    case = Case.load('hexarotor_realistic', [
+        'simulator.sub_steps:=5', 'simulator.angular_velocity_noise:=0.01',
+        'vehicle.inertia:=[0.015, 0.016, 0.028]'])
+    rng = np.random.default_rng(0)
+    goals = [
+        Change(k * 1_500_000_000, waypoint=Waypoint.of(*rng.uniform(-2, 2, 3), rng.uniform(-2, 2)))
+        for k in range(12)]
+    flight = fly(case.controller(), case.allocator('exact'), case.plant(), goals[0].waypoint, 18.0,
+                 changes=goals)
+    flight.write_csv(tmp_path / 'flight.csv')
+    guess = replace(case.vehicle, inertia=np.diag([1.4, 0.7, 1.2] * np.diag(case.vehicle.inertia)))
+    recording = read_recording(tmp_path / 'flight.csv', case.vehicle.n)
+    found = identify(guess, [recording])
+    close(found.lag, 0.05, 0.02)
+    close(found.delay, 0.01, 0.1)
+    for axis, ratio in zip(INERTIA, [1.4, 0.7, 1.2], strict=True):
+        close(found.effectiveness[axis], ratio, 0.02)
+    # The speeds that the simulator measures have no lag.
+    assert identify(guess, [recording], measured=True).total.value < 0.005
 
 
 def test_a_stream_has_values_where_its_cells_are_filled(tmp_path):

@@ -122,7 +122,8 @@ def fly(
 ) -> Flight:
     """Fly to a waypoint; return one sample at each step up to the `duration` [s].
 
-    The samples have the measured states and the commanded rotor speeds and tilt angles.  Raises a
+    The samples have the measured states, the commanded rotor speeds and tilt angles, and the true
+    rotor speeds.  Raises a
     FloatingPointError if the flight diverges because the gains or the steps are too large, or a
     ValueError if a time step is given for a plant.
 
@@ -139,6 +140,7 @@ def fly(
     states: list[Array] = []
     velocities: list[Array] = []
     commands: list[Array] = []
+    turning: list[Array] = []
     plant = _plant_of(body, time_step).restarted(state)
     if failures is not None:
         plant.failures = failures
@@ -171,12 +173,13 @@ def fly(
         states.append(state)
         velocities.append(velocity)
         commands.append(command)
+        turning.append(plant.speeds[: plant.body.vehicle.n])
         plant.step(command)
-    flown = np.array(states)
-    nanoseconds = np.arange(len(flown)) * step_ns
+    flown, n = np.array(states), plant.body.vehicle.n
+    nanoseconds, given = np.arange(len(flown)) * step_ns, np.array(commands)
     return Flight(
         nanoseconds / 1e9, flown[:, POSITION], flown[:, ATTITUDE], np.array(velocities),
-        flown[:, ANGULAR_VELOCITY], *np.split(np.array(commands), [plant.body.vehicle.n], axis=1),
+        flown[:, ANGULAR_VELOCITY], given[:, :n], given[:, n:], np.array(turning),
     )
 
 

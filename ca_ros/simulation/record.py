@@ -26,6 +26,8 @@ class Flight:
     - `velocity` and `angular_velocity` (K, 3): body frame [m/s, rad/s]
     - `speeds` (K, n): rotor speeds from each sample to the next [rad/s]
     - `angles` (K, k): the same of the angles of servos [rad]
+    - `measured` (K, n): rotor speeds as they are measured [rad/s], NaN where they are not; (K, 0)
+      if nobody measures them
     """
 
     time: Array
@@ -35,9 +37,11 @@ class Flight:
     angular_velocity: Array
     speeds: Array
     angles: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    measured: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'angles', self.angles.reshape(len(self.time), -1))
+        for name in 'angles', 'measured':
+            object.__setattr__(self, name, getattr(self, name).reshape(len(self.time), -1))
 
     @property
     def euler(self) -> Array:
@@ -72,15 +76,22 @@ class Flight:
         return 2.0 * float(np.arccos(min(1.0, abs(self.attitude[-1] @ waypoint.attitude))))
 
     def columns(self) -> dict[str, Array]:
-        """Return the columns of `write_csv` by name, (K,) each."""
+        """Return the columns of `write_csv` by name, (K,) each.
+
+        They include those of a `ca_ros.vehicle.formats.recording.Recording`.
+        """
+        def numbered(name: str, table: Array) -> tuple[str, ...]:
+            return tuple(f'{name}_{i + 1}' for i in range(table.shape[1]))
+
         tables = {
             ('t',): self.time[:, None], ('x', 'y', 'z'): self.position,
-            ('roll', 'pitch', 'yaw'): self.euler,
-            tuple(f'speed_{i + 1}' for i in range(self.speeds.shape[1])): self.speeds,
+            ('roll', 'pitch', 'yaw'): self.euler, numbered('speed', self.speeds): self.speeds,
             ('heading', 'tilt'): np.column_stack([self.heading, self.tilt]),
             ('qx', 'qy', 'qz', 'qw'): self.attitude,
-            tuple(f'angle_{i + 1}' for i in range(self.angles.shape[1])): self.angles,
-            ('vx', 'vy', 'vz'): self.velocity, ('wx', 'wy', 'wz'): self.angular_velocity,
+            numbered('angle', self.angles): self.angles, ('vx', 'vy', 'vz'): self.velocity,
+            ('gyro_x', 'gyro_y', 'gyro_z'): self.angular_velocity,
+            numbered('command', self.speeds): self.speeds,
+            numbered('speed_measured', self.measured): self.measured,
         }
         pairs = tables.items()
         return {name: table[:, i] for names, table in pairs for i, name in enumerate(names)}

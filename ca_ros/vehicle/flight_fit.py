@@ -1,9 +1,10 @@
 """The fit of recorded flights: lag, delay, and how far thrusts move a vehicle.
 
 For a lag and a delay, the commands give thrusts, and these the motion of the vehicle in the file.
-`solve` returns the ratios between the measured motion and this one.
+`solve` returns the ratios between the measured motion and this one, and a damping of each axis.
 """
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,9 +21,11 @@ from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 HIGH_PASS = 1.5  # corner of the filter of both sides of the fit [Hz]
 SMOOTH = 25.0  # corner of the low-pass of both sides, at most a quarter of the sampling rate [Hz]
+FINE = 0.004  # greatest step of the rotors' model, also where the gyro is slower [s]
 LAG_MAX, DELAY_MAX = 0.3, 0.15  # greatest lag and delay that are tried [s]
 GRID = 9  # values of lag and of delay from which the search begins
 BLOCK = 2.0  # length of the blocks of the bootstrap and of cross-validation [s]
+RATIO_MAX = 20.0  # greatest factor by which a first guess of the inertia may be wrong
 NEAR = 5  # lags and delays about the best, from which each resample chooses
 EXCITED = 1e-6  # least variance of a side of the fit
 AXES = 'roll', 'pitch', 'yaw', 'thrust'
@@ -33,6 +36,7 @@ class FlightSides:
 
     def __init__(self, vehicle: Vehicle, recording: Recording, measured: bool) -> None:
         self._vehicle, self._inertia = vehicle, inertia_of(vehicle)
+        self._turning = self._inertia
         source = 'speed' if measured else 'command'
         if source not in recording.values:
             raise ParameterError(f'{recording.name}: no measured rotor speeds')
@@ -43,8 +47,17 @@ class FlightSides:
             what = f'expected {BLOCK:g} s or more with command and gyro'
             raise ParameterError(f'{recording.name}: {max(0.0, end - start):.3g} s: {what}')
         self._time = np.arange(start, end, self._step)
+        # Rotors follow their commands also between two values of the gyro.
+        self._parts = int(np.ceil(self._step / FINE - 1e-6))
+        edges = np.arange(-0.5, (len(self._time) - 1) * self._parts + 1.0)
+        self._edges = start + self._step / self._parts * edges
         self.blocks = int(len(self._time) * self._step / BLOCK)
-        self._commands = recording.times[source], recording.values[source]
+        # The integrals of commands that are held until the next, before the first and after the
+        # last, too; their differences are smooth in the delay.
+        moments, commands = recording.times[source], recording.values[source]
+        self._moments = np.array([start - 1.0, *moments, end + 1.0])
+        held = np.diff(self._moments)[:, None] * np.vstack([commands[:1], commands])
+        self._integrals = np.vstack([np.zeros_like(commands[:1]), held.cumsum(axis=0)])
         gyro = recording.values['gyro']
         # The second difference of white noise has six times its variance.
         self.noise = float(np.sqrt(np.median(np.diff(gyro, 2, axis=0) ** 2) / 0.4549 / 6.0))
@@ -60,44 +73,52 @@ class FlightSides:
             acc = _sampled(self._time, recording.times['acc'], recording.values['acc'])
             self._up = self._filtered(acc[:, 2])
 
+    def refine(self, ratios: Array) -> None:
+        """Take the ratios (3,) of a first fit into the gyroscopic torque."""
+        likely = np.where((ratios > 1.0 / RATIO_MAX) & (ratios < RATIO_MAX), ratios, 1.0)
+        self._turning = self._inertia / np.sqrt(np.outer(likely, likely))
+
     def _filtered(self, values: Array) -> Array:
         return sosfilt(self._filter, values - values[:1], axis=0)[self._begin :]
 
-    def _models(self, lag: float, delay: float) -> tuple[Array, Array, Array]:
-        """Return the filtered rates (K, 3), those of the rotors' kick (K,), acceleration (K,)."""
-        times, commands = self._commands
-        at = np.searchsorted(times, self._time - delay, side='right') - 1
-        speeds = commands[np.maximum(at, 0)]
+    def _models(self, lag: float, delay: float) -> tuple[Array, Array, Array, Array]:
+        """Return the filtered sides that commands and rates give.
+
+        Rates (K, 3), those of the rotors' kick (K,), those of damping (K, 3), acceleration (K,).
+        """
+        step = self._step / self._parts
+        given = _sampled(self._edges - delay, self._moments, self._integrals)
+        speeds: Array = np.diff(given, axis=0) / step
         if lag > 0.0:
-            share = 1.0 - np.exp(-self._step / lag)
-            start = (1.0 - share) * speeds[:1]
-            speeds = lfilter([share], [1.0, share - 1.0], speeds, axis=0, zi=start)[0]
+            share = 1.0 - np.exp(-step / lag)
+            mean, start = [share / 2.0, share / 2.0], (1.0 - share / 2.0) * speeds[:1]
+            speeds = lfilter(mean, [1.0, share - 1.0], speeds, axis=0, zi=start)[0]
         wrench = self._vehicle.thrusts(speeds) @ self._wrenches.T
-        torque = wrench[:, 3:] - np.cross(self._gyro, self._gyro @ self._inertia)
+        gyro = np.repeat(self._gyro, self._parts, axis=0)[: len(wrench)]
+        torque = wrench[:, 3:] - np.cross(gyro, gyro @ self._turning)
         # The mean torque is that of a centre of mass beside the rotors' centre: the filter takes
         # it away, but integrated it would overflow the filter's precision.
         torque = torque - torque.mean(axis=0)
-        rates = cumulative_trapezoid(torque @ self._inverse.T, dx=self._step, axis=0, initial=0.0)
-        kick = speeds @ self._vehicle.spins
-        return (
-            self._filtered(rates), self._filtered(kick),
-            self._filtered(wrench[:, 2] / self._vehicle.mass),
-        )
+        rates = cumulative_trapezoid(torque @ self._inverse.T, dx=step, axis=0, initial=0.0)
+        turned = cumulative_trapezoid(gyro, dx=step, axis=0, initial=0.0)
+        sides = rates, speeds @ self._vehicle.spins, turned, wrench[:, 2] / self._vehicle.mass
+        rates, kick, turned, up = (self._filtered(side[:: self._parts]) for side in sides)
+        return rates, kick, turned, up
 
     def products(self, lag: float, delay: float) -> Array:
-        """Return sums over each block of products of the sides, (blocks, 4 axes, 6).
+        """Return the products of all sides, summed over each block, (blocks, 4 axes, 4, 4).
 
-        For regressors a and b and the measured side y: aa, ab, bb, ay, by, yy.
+        The sides are what the rotors do, their kick, the damping, and what is measured.
         """
-        rates, kick, up = self._models(lag, delay)
+        rates, kick, turned, up = self._models(lag, delay)
         none = np.zeros(len(rates))
-        pairs = [(rates[:, i], kick if i == 2 else none, self._rates[:, i]) for i in range(3)]
-        pairs.append((up, none, none if self._up is None else self._up))
+        sides = [(rates[:, i], kick if i == 2 else none, turned[:, i], self._rates[:, i])
+                 for i in range(3)]
+        sides.append((up, none, none, none if self._up is None else self._up))
         length = max(1, round(BLOCK / self._step))
         count = len(none) // length
-        rows = np.array([[a * a, a * b, b * b, a * y, b * y, y * y] for a, b, y in pairs])
-        blocks = rows[:, :, : count * length].reshape(*rows.shape[:2], count, length)
-        return np.moveaxis(blocks.sum(axis=3), 2, 0)
+        blocks = np.array(sides)[:, :, : count * length].reshape(4, 4, count, length)
+        return np.asarray(np.einsum('aibk,ajbk->baij', blocks, blocks))
 
 
 def _sampled(time: Array, times: Array, values: Array) -> Array:
@@ -106,27 +127,29 @@ def _sampled(time: Array, times: Array, values: Array) -> Array:
 
 
 def solve(sums: Array) -> tuple[Array, float]:
-    """Return the ratios (5,) of products (4, 6): of the axes, and of the kick; and the error.
+    """Return the factors (4, 4) of the sides of each axis, and the error.
 
-    The error is the sum of the logarithms of the axes' residual variances.
+    The factors give the measured side: those of the rotors, of their kick and of the damping; the
+    last is -1.  The error is the sum of the logarithms of the axes' residual variances.
     """
-    ratios, error = np.zeros(5), 0.0
-    for i, (aa, ab, bb, ay, by, yy) in enumerate(sums):
-        if yy <= EXCITED or aa <= EXCITED:
-            ratios[i] = np.nan
+    factors, error = np.zeros((4, 4)), 0.0
+    factors[:, 3] = -1.0
+    for own, products in zip(factors, sums, strict=True):
+        if min(products[0, 0], products[3, 3]) <= EXCITED:
+            own[0] = np.nan
             continue
-        if i == 2 and bb > EXCITED:
-            ratios[2], ratios[4] = np.linalg.lstsq([[aa, ab], [ab, bb]], [ay, by], rcond=None)[0]
-        else:
-            ratios[i] = ay / aa
-        kick = ratios[4] if i == 2 else 0.0
-        left = yy - ratios[i] * ay - kick * by
-        error += np.log(max(left, 1e-12 * yy) / yy)
-    return ratios, error
+        there = np.flatnonzero(np.diag(products)[:3] > EXCITED)
+        own[there] = np.linalg.lstsq(
+            products[np.ix_(there, there)], products[there, 3], rcond=None)[0]
+        left = own @ products @ own
+        error += np.log(max(left / products[3, 3], 1e-12))
+    return factors, error
 
 
-def best_lag(flights: Sequence[FlightSides]) -> tuple[float, float]:
-    """Return the lag and delay of the least error [s]."""
+def best_lag(
+    flights: Sequence[FlightSides], first: tuple[float, float] | None = None
+) -> tuple[float, float]:
+    """Return the lag and delay of the least error [s]; `first`: where the search begins."""
     def error(point: Sequence[float]) -> float:
         lag, delay = point
         if not (0.0 <= lag <= LAG_MAX and 0.0 <= delay <= DELAY_MAX):
@@ -134,9 +157,9 @@ def best_lag(flights: Sequence[FlightSides]) -> tuple[float, float]:
         sums = sum(flight.products(lag, delay).sum(axis=0) for flight in flights)
         return solve(np.asarray(sums))[1]
 
-    lags = LAG_MAX * np.linspace(0.0, 1.0, GRID) ** 2
-    delays = DELAY_MAX * np.linspace(0.0, 1.0, GRID) ** 2
-    first = min(((lag, delay) for lag in lags for delay in delays), key=error)
+    if first is None:
+        squares = np.linspace(0.0, 1.0, GRID) ** 2
+        first = min(itertools.product(LAG_MAX * squares, DELAY_MAX * squares), key=error)
     simplex = np.array([first, *(np.add(first, step) for step in ((0.01, 0.0), (0.0, 0.005)))])
     options = {'initial_simplex': simplex, 'xatol': 1e-4, 'fatol': 1e-6, 'maxfev': 80}
     lag, delay = minimize(error, first, method='Nelder-Mead', options=options).x.tolist()
@@ -168,16 +191,17 @@ class Products:
 
     def measures(self, axis: int) -> bool:
         """Return whether there is a measurement of an axis."""
-        return bool(self.sums[0, :, axis, 5].sum() > EXCITED)
+        return bool(self.sums[0, :, axis, 3, 3].sum() > EXCITED)
 
     def fit(self, blocks: NDArray[np.integer]) -> tuple[float, float, Array]:
-        """Return the best lag, delay and ratios for some of the blocks.
+        """Return the best lag and delay for some of the blocks, and the ratios (5,).
 
-        The error and the ratios are quadratic between the points.
+        They are those of the rotors on each axis, and of the kick.  The error and the ratios are
+        quadratic between the points.
         """
         found = [solve(sums[blocks].sum(axis=0)) for sums in self.sums]
         errors = self._surface @ [error for _, error in found]
-        ratios = self._surface @ np.array([ratios for ratios, _ in found])
+        ratios = self._surface @ np.array([[*each[:, 0], each[2, 1]] for each, _ in found])
         _, *slope, xx, xy, yy = errors
         bend = np.array([[2.0 * xx, xy], [xy, 2.0 * yy]])
         if np.linalg.eigvalsh(bend)[0] > 0.0:
@@ -202,11 +226,9 @@ def unseen(flights: Sequence[FlightSides], best: tuple[float, float]) -> dict[st
     found = dict.fromkeys(AXES, np.inf)
     for i, part in enumerate(parts):
         rest = np.concatenate([each for k, each in enumerate(parts) if k != i])
-        ratios, _ = solve(rest.sum(axis=0))
-        for axis, name in enumerate(AXES):
-            aa, ab, bb, ay, by, yy = part[:, axis].sum(axis=0)
-            a, b = ratios[axis], ratios[4] if axis == 2 else 0.0
-            left = yy - 2.0 * (a * ay + b * by) + a * a * aa + 2.0 * a * b * ab + b * b * bb
-            quality = 1.0 - left / yy if yy > EXCITED else -np.inf
+        factors, _ = solve(rest.sum(axis=0))
+        for own, name, products in zip(factors, AXES, part.sum(axis=0), strict=True):
+            measured = products[3, 3]
+            quality = 1.0 - own @ products @ own / measured if measured > EXCITED else -np.inf
             found[name] = min(found[name], quality if np.isfinite(quality) else -np.inf)
     return found

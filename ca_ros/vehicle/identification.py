@@ -7,7 +7,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.settings import ParameterError
-from ca_ros.vehicle.flight_fit import AXES, BLOCK, FlightSides, Products, best_lag, unseen
+from ca_ros.vehicle.flight_fit import (
+    AXES,
+    BLOCK,
+    FlightSides,
+    Products,
+    best_lag,
+    solve,
+    unseen,
+)
 from ca_ros.vehicle.formats.recording import Recording
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
@@ -104,7 +112,12 @@ def identify(
     if (blocks := sum(flight.blocks for flight in flights)) < BLOCKS_MIN:
         what = f'expected {BLOCKS_MIN} or more'
         raise ParameterError(f'{blocks} blocks of {BLOCK:g} s of flight: {what}')
-    best = best_lag(flights)
+    # The gyroscopic torque is first that of the guess.
+    first = best_lag(flights)
+    factors, _ = solve(np.sum([flight.products(*first).sum(axis=0) for flight in flights], axis=0))
+    for flight in flights:
+        flight.refine(factors[:3, 0])
+    best = best_lag(flights, first)
     table = Products.of(flights, best)
     rng = np.random.default_rng(seed)
     draws = rng.integers(table.count, size=(RESAMPLES, table.count))

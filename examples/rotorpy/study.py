@@ -3,7 +3,8 @@
     pip install rotorpy==3.0.0
     python examples/rotorpy/study.py --seeds 30 --out out/rotorpy
 
-writes flights.csv (a row a flight), study.md (recoveries of each cell) and study.png.
+writes flights.csv (a row a flight), study.md (recoveries of each cell) and study.png.  A study
+that was interrupted goes on where flights.csv ends.
 """
 
 import argparse
@@ -19,9 +20,9 @@ import pandas as pd
 from adapter import AnyMultirotor, Controller, params_of, vehicle_of
 from scipy.spatial.transform import Rotation
 
-from ca_ros import AllocationProblem, Vehicle, make_allocator
+from ca_ros import Allocator, Vehicle, make_allocator
 from ca_ros.arrays import Array
-from ca_ros.problem.audit import accept
+from ca_ros.problem.vehicle_problem import problem_of
 
 STEP, DURATION = 0.005, 8.0  # [s]
 FAILURE, TOLD = 1.0, 1.1  # when a rotor is lost, and when the allocator is told [s]
@@ -31,14 +32,15 @@ STILL_ERROR_MAX, TILT_MAX = 0.5, 0.5  # of other conditions; of the tilt [m, rad
 
 
 
-def weights_in_si(problem: AllocationProblem) -> dict[str, Any]:
+def weights_in_si(vehicle: Vehicle) -> dict[str, Any]:
     """Return weights of N and N m, which suit vehicles of about 1 kg, as ca_ros had before."""
+    problem = problem_of(vehicle)
     moving = problem.half_range > 0.0
     return {'wu': np.where(moving, problem.half_range, 1.0),
             'wv': [100.0, 1000.0, 1000.0, 1.0] * problem.extent}  # fmt: skip
 
 
-METHODS: dict[str, tuple[str, dict[str, Any] | Callable[..., dict[str, Any]]]] = {
+METHODS: dict[str, tuple[str, dict[str, Any] | Callable[[Vehicle], dict[str, Any]]]] = {
     "rotorpy's own": ('', {}),
     'pseudo-inverse': ('pseudo_inverse', {}),
     "PX4's": ('sequential_desaturation', {}),
@@ -79,19 +81,11 @@ def parameters(name: str) -> tuple[dict[str, Any], Vehicle]:
     return params, vehicle_of(params)
 
 
-def allocation(
-    plant: AnyMultirotor, vehicle: Vehicle, method: str, health: Array
-) -> Callable[[Array], Array]:
-    """Return a function from wrenches to rotor speeds, for what is known of the rotors."""
-    name, settings = METHODS[method]
-    if not name:
-        # rotorpy has no way to be told of a failure.
-        return plant.own_speeds
-    report = accept(vehicle.with_health(health), 'drop')
-    given = settings(report.independent) if callable(settings) else settings
-    allocator = make_allocator(name, report.independent, **given)
-    rows = [vehicle.axes.index(axis) for axis in report.independent.axes]
-    return lambda wrench: allocator.allocate(wrench[rows]).speeds
+def allocator_of(method: str, vehicle: Vehicle, health: Array) -> Allocator | None:
+    """Return the allocator of a method, or None: rotorpy's own, which is told of no failure."""
+    name, given = METHODS[method]
+    settings = given(vehicle.with_health(health)) if callable(given) else given
+    return make_allocator(name, vehicle, **settings).with_health(health) if name else None
 
 
 def start(condition: str, rng: np.random.Generator, n: int) -> dict[str, Array]:
@@ -157,8 +151,7 @@ def fly(flight: Flight) -> dict[str, Any]:
     hover = np.sqrt(params['mass'] * 9.81 / (vehicle.n * params['k_eta']))
     state['rotor_speeds'] = np.full(vehicle.n, hover)
     plant, controller = AnyMultirotor(params, state), Controller(params)
-    health = np.ones(vehicle.n)
-    speeds_for = allocation(plant, vehicle, flight.method, health)
+    allocator = allocator_of(flight.method, vehicle, np.ones(vehicle.n))
     errors, tilts, lowest = [], [], 0.0
     for k in range(round(DURATION / STEP)):
         now = k * STEP
@@ -166,12 +159,12 @@ def fly(flight: Flight) -> dict[str, Any]:
             if k == round(FAILURE / STEP):
                 plant.lost[rotor] = True
             if k == round(TOLD / STEP):
-                health[rotor] = 0.0
-                speeds_for = allocation(plant, vehicle, flight.method, health)
+                allocator = allocator_of(flight.method, vehicle, 1.0 - np.eye(vehicle.n)[rotor])
         state['wind'] = wind(now)
         goal = target(now)
         wrench = controller.wrench(now, state, goal)
-        state = plant.step(state, {'cmd_motor_speeds': speeds_for(wrench)}, STEP)
+        speeds = allocator.allocate(wrench).speeds if allocator else plant.own_speeds(wrench)
+        state = plant.step(state, {'cmd_motor_speeds': speeds}, STEP)
         error = float(np.linalg.norm(state['x'] - goal['x']))
         lowest = min(lowest, float(state['x'][2] - goal['x'][2]))
         if not np.isfinite(error) or error > 50.0:
@@ -190,10 +183,10 @@ def fly(flight: Flight) -> dict[str, Any]:
 
 def flights(seeds: int) -> Iterator[Flight]:
     """Yield all flights: a failure only where enough rotors are left."""
-    for name in ('crazyflie', 'hummingbird', *OURS):
-        for condition in CONDITIONS:
-            if condition != 'rotor lost' or name in OURS:
-                for seed in range(FIRST_SEED, FIRST_SEED + seeds):
+    for seed in range(FIRST_SEED, FIRST_SEED + seeds):
+        for name in ('crazyflie', 'hummingbird', *OURS):
+            for condition in CONDITIONS:
+                if condition != 'rotor lost' or name in OURS:
                     for method in METHODS:
                         yield Flight(name, condition, method, seed)
 
@@ -260,16 +253,22 @@ def main() -> int:
     add('--processes', type=int, default=None)
     add('--out', type=Path, default=Path('out/rotorpy'), metavar='DIR')
     options = parser.parse_args()
-    begin, todo = time.perf_counter(), list(flights(options.seeds))
-    with Pool(options.processes) as pool:
-        rows = pd.DataFrame(pool.imap(fly, todo, chunksize=8))
     options.out.mkdir(parents=True, exist_ok=True)
-    rows.to_csv(options.out / 'flights.csv', index=False, lineterminator='\n')
+    file, wanted = options.out / 'flights.csv', list(flights(options.seeds))
+    done = {*pd.read_csv(file)[[*Flight._fields]].itertuples(index=False, name=None)} if (
+        file.exists()) else set()
+    begin, todo = time.perf_counter(), [flight for flight in wanted if flight not in done]
+    with Pool(options.processes) as pool, file.open('a', encoding='utf-8') as out:
+        for i, row in enumerate(pool.imap(fly, todo)):
+            out.write(pd.DataFrame([row]).to_csv(
+                index=False, header=not done and not i, lineterminator='\n'))
+            out.flush()
+    rows = pd.read_csv(file).set_index([*Flight._fields]).loc[wanted].reset_index()
     text = table(rows)
     (options.out / 'study.md').write_text(text, encoding='utf-8')
     draw(rows, options.out / 'study.png')
     print(text)
-    print(f'{len(rows)} flights in {time.perf_counter() - begin:.0f} s', file=sys.stderr)
+    print(f'{len(todo)} flights in {time.perf_counter() - begin:.0f} s', file=sys.stderr)
     return 0
 
 

@@ -64,7 +64,7 @@ def read_recording(file: str | Path, rotors: int, frame: str = 'flu') -> Recordi
         A CSV file with a row of titles: ``t`` [s], ``command_1`` to ``command_n``, ``gyro_x`` to
         ``gyro_z``, and optionally ``acc_x`` ..., ``qx`` ... ``qw``, ``vx`` ...,
         ``speed_measured_1`` ...; other columns are ignored, and a stream has a value only in rows
-        where all its cells are filled.  The ``flight.csv`` of bringup is read, too.  Or an npz
+        where all its cells are filled, as in the ``flight.csv`` of bringup.  Or an npz
         file with the same names, or with arrays (K, c) by the names of the streams, each with an
         array ``t_NAME`` if its times are not ``t``.  Or a log of PX4 (.ulg), if pyulog is
         installed.
@@ -109,10 +109,6 @@ def _from_csv(path: Path) -> dict[str, Array]:
     with path.open(newline='', encoding='utf-8-sig') as stream:
         rows = csv.reader(stream)
         titles = [title.strip() for title in next(rows, [])]
-        if 'command_1' not in titles:
-            titles = [re.sub('^speed_', 'command_', title) for title in titles]
-        if 'gyro_x' not in titles:
-            titles = [re.sub('^w(?=[xyz]$)', 'gyro_', title) for title in titles]
         wanted = [i for i, title in enumerate(titles) if title == 't' or _stream_of(title)]
         table = []
         for row in rows:
