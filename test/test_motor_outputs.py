@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from numpy.testing import assert_allclose, assert_array_equal
-from std_msgs.msg import Float64MultiArray
+from rclpy.parameter import Parameter
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from ca_ros import AllocationProblem, Exact, ParameterError, Vehicle
 from ca_ros.nodes import belief
-from ca_ros.nodes.allocator import rows_of
+from ca_ros.nodes.allocator import ProblemAllocatorNode, rows_of
+from ca_ros.nodes.topics import STANDING
 from ca_ros.testing import Diagnostics, wrench
 from ca_ros.vehicle.files import read
 from nodes import host
@@ -82,25 +84,95 @@ def test_throttles_pulses_and_the_voltage(graph, capfd, monkeypatch):
     assert 'refused battery: ' in capfd.readouterr().err
 
 
+def matrix_message(matrix, offset=0):
+    layout = MultiArrayLayout(
+        dim=[MultiArrayDimension(size=size) for size in np.shape(matrix)], data_offset=offset)
+    return Float64MultiArray(layout=layout, data=np.ravel(matrix).tolist())
+
+
 def test_a_problem_without_a_vehicle_in_the_node(graph):
     process = graph.start('allocator', '--vehicle', 'admire')
     sender = graph.publisher(WrenchStamped, 'command/wrench')
+    matrices, healths = (
+        graph.node.create_publisher(Float64MultiArray, name, STANDING)
+        for name in ('effectiveness', 'effector_health'))
     received = graph.listen(Float64MultiArray, 'command/effectors')
-    demand = wrench([0.0, 0.0, 0.0, 1.5, 1.0, -0.2], 7)
-    graph.spin_until(
-        lambda: any(m.layout.dim[1].label == 'stamp 7' for m in received),
-        'effectors', lambda: sender.publish(demand))
-    answer = next(m for m in received if m.layout.dim[1].label == 'stamp 7')
-    admire = AllocationProblem.load('admire')
-    assert_array_equal(answer.data, Exact(admire).allocate([1.5, 1.0, -0.2]).effectors)
+    diagnostics = Diagnostics(graph)
+    admire, u, stamp = AllocationProblem.load('admire'), [1.5, 1.0, -0.2], 0
+
+    def answer():
+        """Return the answer to a new message, and its label."""
+        nonlocal stamp
+        stamp += 1
+        label, demand = f'stamp {stamp}', wrench([0.0, 0.0, 0.0, *u], stamp)
+        graph.spin_until(
+            lambda: any(m.layout.dim[1].label == label for m in received),
+            'effectors', lambda: sender.publish(demand))
+        return next(m for m in received if m.layout.dim[1].label == label)
+
+    def settles(allocator):
+        """Wait until answers are those of an allocator."""
+        expected = allocator.allocate(u).effectors.tolist()
+        graph.spin_until(lambda: answer().data.tolist() == expected, f'answers of {allocator!r}')
+
+    assert_array_equal(answer().data, Exact(admire).allocate(u).effectors)
     names = 'canards', 'right elevons', 'left elevons', 'rudder'
-    assert answer.layout.dim[0].label == ', '.join(f'{name} [rad]' for name in names)
+    assert answer().layout.dim[0].label == ', '.join(f'{name} [rad]' for name in names)
+
+    # Another airspeed; then the rudder sticks, the left elevons are weak, and both recover.
+    faster = Exact(admire).with_matrix(1.3 * admire.gamma)
+    matrices.publish(matrix_message(1.3 * admire.gamma))
+    settles(faster)
+    healths.publish(Float64MultiArray(data=[1.0, 1.0, 0.5, 1.0, 4.0, 0.1]))
+    settles(faster.with_health([1.0, 1.0, 0.5, 1.0], stuck={4: 0.1}))
+    matrices.publish(matrix_message(admire.gamma))
+    settles(Exact(admire).with_health([1.0, 1.0, 0.5, 1.0], stuck={4: 0.1}))
+    # Without elevons the rudder rolls and yaws: the other axes keep their places in the wrench.
+    healths.publish(Float64MultiArray(data=[1.0, 0.0, 0.0, 1.0]))
+    settles(Exact(admire).with_health([1.0, 0.0, 0.0, 1.0]))
+
+    # What is wrong is refused, and changes nothing.
+    matrices.publish(matrix_message(admire.gamma.T))
+    healths.publish(Float64MultiArray(data=[2.0] * 4))
+    diagnostics.wait(
+        'allocator', lambda _, text, values: 'yaw lost' in text
+        and values['lost effectors'] == '2, 3' and values.get('refused matrices') == '1'
+        and values.get('refused health') == '1', 'a lost axis and what is refused')
+    settles(Exact(admire).with_health([1.0, 0.0, 0.0, 1.0]))
+    healths.publish(Float64MultiArray(data=[1.0] * 4))
+    settles(Exact(admire))
+
     # Commands cease: the values nearest to zero.
     graph.spin_until(lambda: received[-1].layout.dim[1].label == 'no stamp', 'the timeout action')
     assert_array_equal(received[-1].data, admire.resting_thrusts)
     _, err = graph.end(process, signal.SIGTERM)
     assert 'Traceback' not in err
+    assert 'expected 3 rows, one per axis, of 4 numbers, one per effector' in err
+    assert 'effector 4 stuck at 0.1' in err
     assert process.returncode == 0
+
+
+def test_wrong_matrices_and_health_of_effectors_are_refused(graph):
+    node = graph.add_node(ProblemAllocatorNode(
+        context=graph.context, parameter_overrides=[Parameter('problem', value='admire')]))
+    gamma, built = AllocationProblem.load('admire').gamma, node.belief.built
+    for wrong in (
+            matrix_message(gamma.T), matrix_message(gamma[:2]), matrix_message(gamma.ravel()),
+            matrix_message(gamma, offset=1), Float64MultiArray(data=gamma.ravel().tolist()),
+            matrix_message(np.where(gamma == 0.0, np.inf, gamma)), matrix_message(np.ones((3, 4))),
+            matrix_message(1e-9 * gamma)):
+        node.belief._receive_matrix(wrong)
+    for wrong in (
+            [1.0] * 3, [1.0] * 5, [2.0] * 4, [-0.1] * 4, [np.nan] * 4, [1.0] * 4 + [4.0, 2.0],
+            [1.0] * 4 + [5.0, 0.0], [1.0] * 4 + [1.5, 0.0]):
+        node.belief._receive_announcement(Float64MultiArray(data=wrong), 'effector_health')
+    counts = node.diagnostics.counts
+    assert (counts['refused matrices'], counts['refused health']) == (8, 8)
+    assert node.belief.built is built
+    # What is in force already is not made anew.
+    node.belief._receive_matrix(matrix_message(gamma))
+    node.belief._receive_announcement(Float64MultiArray(data=[1.0] * 4), 'effector_health')
+    assert node.belief.built is built
 
 
 def test_axes_are_components_of_the_wrench_by_name():

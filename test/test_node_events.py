@@ -146,8 +146,8 @@ def test_in_real_time_an_announcement_holds_at_once_whatever_its_stamp(graph):
 
 
 NONSENSE = (
-    ([1.0] * 5, 'the health of 6 rotors'), ([1.0] * 6 + [2.0], 'pairs of a rotor'),
-    ([1.0] * 6 + [1.5, 0.1], 'pairs of a rotor'), ([1.0] * 6 + [np.inf, 0.1], 'pairs of a rotor'),
+    ([1.0] * 5, 'the health of 6 rotors'), ([1.0] * 6 + [2.0], 'pairs of what sticks'),
+    ([1.0] * 6 + [1.5, 0.1], 'pairs of what sticks'), ([1.0] * 6 + [np.inf, 0.1], 'pairs of what'),
     ([2.0] * 6, 'in [0, 1]'), ([np.nan] * 6, 'in [0, 1]'),
     ([1.0] * 6 + [7.0, 0.1], 'rotor: 7 has no'), ([1.0] * 6 + [2.0, np.nan], 'angle: expected'))
 

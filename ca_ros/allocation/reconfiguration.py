@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, floats
-from ca_ros.problem.audit import Audit, accept
+from ca_ros.problem.audit import Audit, accept, audit
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import ParameterError, Settings
 from ca_ros.vehicle.validation import repeated
 from ca_ros.vehicle.vehicle import Vehicle
@@ -32,6 +33,7 @@ Made = TypeVar('Made')
 class Configuration(Generic[Made]):
     """What was made, and what for; it is replaced as a whole.
 
+    - `declared`: what the settings declare, without failures
     - `settings`, `health` (n,), `stuck`, `arms`, `voltage` [V]: the belief; `stuck` has by rotor,
       from 1, the angle at which its servo sticks [rad]; `arms` are the `failed_arms` of
       `Vehicle.with_health`; the voltage is None if it is unknown
@@ -40,6 +42,7 @@ class Configuration(Generic[Made]):
     - `duration`: the time that audit and making took [s]
     """
 
+    declared: Any
     settings: Any
     health: Array
     stuck: dict[int, float]
@@ -96,8 +99,7 @@ class Reconfiguration(Generic[Made]):
         made: Made | None = None,
     ) -> None:
         self._make = make
-        given = settings.vehicle, settings.rotors, settings.allocation
-        self._declared = Vehicle.from_settings(*given)
+        self._declared = self._declare(settings)
         self.reported: dict[str, Array] = {}
         self.reported_stuck: dict[str, dict[int, float]] = {}
         self.reported_arms: dict[str, Arms] = {}
@@ -105,11 +107,18 @@ class Reconfiguration(Generic[Made]):
         self.fault = ''
         self._failed: object = None
         begun = perf_counter()
-        report = accept(self._declared)
+        report = self._accept(self._declared)
         found = make(settings, report, None) if made is None else made
         self.in_force: Configuration[Made] = Configuration(
-            settings, self._declared.health, self._stuck(settings), (), None, report, found,
-            perf_counter() - begun)
+            self._declared, settings, self._declared.health, self._stuck(settings), (), None,
+            report, found, perf_counter() - begun)
+
+    def _declare(self, settings: Any) -> Any:
+        """Return what the settings declare."""
+        return Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
+
+    def _accept(self, declared: Any) -> Audit:
+        return accept(declared)
 
     def report(
         self, source: str, health: ArrayLike, stuck: Mapping[int, float] | None = None,
@@ -162,12 +171,20 @@ class Reconfiguration(Generic[Made]):
         if not self._differs(settings, health, stuck, arms, voltage):
             return now if settings is now.settings else replace(now, settings=settings)
         begun = perf_counter()
-        vehicle = self._declared.with_stuck_servos(
-            [x for pair in stuck.items() for x in pair] or 0.0).with_health(health, arms)
-        report = accept(vehicle if voltage is None else vehicle.at_voltage(voltage), 'drop')
+        declared = self._declared
+        report = self._audit(declared, health, stuck, arms, voltage)
         made = self._make(settings, report, now.built)
         return Configuration(
-            settings, health, stuck, arms, voltage, report, made, perf_counter() - begun)
+            declared, settings, health, stuck, arms, voltage, report, made, perf_counter() - begun)
+
+    def _audit(
+        self, declared: Any, health: Array, stuck: dict[int, float], arms: Arms,
+        voltage: float | None,
+    ) -> Audit:
+        """Return the audit of what is declared as it is believed to be."""
+        vehicle = declared.with_stuck_servos(
+            [x for pair in stuck.items() for x in pair] or 0.0).with_health(health, arms)
+        return accept(vehicle if voltage is None else vehicle.at_voltage(voltage), 'drop')
 
     def apply(self, configuration: Configuration[Made]) -> None:
         """Put in force what was prepared last."""
@@ -186,7 +203,9 @@ class Reconfiguration(Generic[Made]):
         """Put the newest belief in force; if it cannot be made, say so in `fault`."""
         settings = self.in_force.settings
         health = self._health(settings)
-        belief = health.tobytes(), self._stuck(settings), self._arms(health), self._voltage()
+        belief = (
+            self._declared, health.tobytes(), self._stuck(settings), self._arms(health),
+            self._voltage())
         if belief == self._failed:
             return False
         try:
@@ -199,10 +218,13 @@ class Reconfiguration(Generic[Made]):
 
     def _health(self, settings: Any) -> Array:
         """Return the least health (n,) over the sources."""
-        health = repeated(HEALTH, settings.rotors.health, self._declared.n)
+        health = self._own_health(settings)
         for each in self.reported.values():
             health = np.minimum(health, each)
         return health
+
+    def _own_health(self, settings: Any) -> Array:
+        return repeated(HEALTH, settings.rotors.health, self._declared.n)
 
     def _arms(self, health: Array) -> Arms:
         """Return the arms by any source whose rotors have the same health of all sources (n,)."""
@@ -211,13 +233,17 @@ class Reconfiguration(Generic[Made]):
 
     def _stuck(self, settings: Any) -> dict[int, float]:
         """Return the servos that stick by any source; a ParameterError if there are none such."""
-        found, numbers = {}, np.ravel(np.asarray(settings.rotors.stuck_servos, dtype=float))
-        if numbers.tolist() != [0.0]:
-            self._declared.with_stuck_servos(numbers)
-            found = dict(numbers.reshape(-1, 2).tolist())
+        found = self._own_stuck(settings)
         for each in self.reported_stuck.values():
             found |= each
         return found
+
+    def _own_stuck(self, settings: Any) -> dict[int, float]:
+        numbers = np.ravel(np.asarray(settings.rotors.stuck_servos, dtype=float))
+        if numbers.tolist() == [0.0]:
+            return {}
+        self._declared.with_stuck_servos(numbers)
+        return dict(numbers.reshape(-1, 2).tolist())
 
     def _voltage(self) -> float | None:
         newest, held = self.voltage, self.in_force.voltage
@@ -231,6 +257,8 @@ class Reconfiguration(Generic[Made]):
     ) -> bool:
         """Return whether settings and belief ask for another build than that in force."""
         now = self.in_force
+        if self._declared is not now.declared:
+            return True
         others = stuck, arms, voltage
         if others != (now.stuck, now.arms, now.voltage) or not np.array_equal(health, now.health):
             return True
@@ -241,5 +269,56 @@ class Reconfiguration(Generic[Made]):
 
 def _built_from(settings: Any) -> dict[str, Any]:
     """Return the groups of settings; those outside of a group, and the health, are no part."""
-    groups = {name: each for name, each in vars(settings).items() if isinstance(each, Settings)}
-    return {**groups, 'rotors': {**vars(settings.rotors), 'health': None}}
+    groups = {
+        name: {**vars(each), 'health': None} for name, each in vars(settings).items()
+        if isinstance(each, Settings)}
+    return groups
+
+
+class ProblemReconfiguration(Reconfiguration[Made]):
+    """The same for a problem without a vehicle, in the file that the settings name.
+
+    Its matrix may change.  Only other sources report the health of effectors, and those that are
+    stuck: by effector, from 1, the value.
+    """
+
+    def _declare(self, settings: Any) -> AllocationProblem:
+        return AllocationProblem.load(settings.problem)
+
+    def _accept(self, declared: Any) -> Audit:
+        return audit(declared)
+
+    def _audit(
+        self, declared: Any, health: Array, stuck: dict[int, float], arms: Arms,
+        voltage: float | None,
+    ) -> Audit:
+        return audit(declared.with_health(health, arms, stuck))
+
+    def check(
+        self, health: ArrayLike, stuck: Mapping[int, float] | None = None, arms: Arms = ()
+    ) -> Array:
+        """Return the health of a report, of each effector; see `Reconfiguration.check`."""
+        shares, shape = floats(health), self._declared.health.shape
+        if shares.shape != shape:
+            raise ParameterError(f'effector health {shares}: expected {shape[0]} numbers')
+        self._declared.with_health(shares, arms, stuck or {})
+        return shares
+
+    def change_matrix(self, matrix: ArrayLike) -> bool:
+        """Take another matrix (m, n); return whether something new is in force.
+
+        Raises a ValueError if its shape or a number is wrong, or the effectors, none of them
+        failed, cannot control every axis with it.
+        """
+        declared = self._declared.with_matrix(matrix)
+        if np.array_equal(declared.gamma, self._declared.gamma):
+            return False
+        declared.check_volume()
+        self._declared = declared
+        return self._follow()
+
+    def _own_health(self, settings: Any) -> Array:
+        return np.ones_like(self._declared.health)
+
+    def _own_stuck(self, settings: Any) -> dict[int, float]:
+        return {}

@@ -11,18 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray
 
 from ca_ros.allocation import Allocation
 from ca_ros.allocation.rates import WithinRates
+from ca_ros.allocation.reconfiguration import ProblemReconfiguration
 from ca_ros.allocation.settings import allocator_of
 from ca_ros.arrays import Array, IntArray
 from ca_ros.nodes import topics
 from ca_ros.nodes.allocator_node import AllocatorNode
-from ca_ros.nodes.diagnostics import Diagnostics, Level
+from ca_ros.nodes.belief import Belief
 from ca_ros.nodes.executable import parameter_arguments, parse, run, split
-from ca_ros.nodes.parameters import Parameters
+from ca_ros.nodes.stream import Streams
 from ca_ros.parameter_files import ProblemSettings
+from ca_ros.problem.audit import Audit
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.setting_names import check_given
@@ -39,17 +41,16 @@ COMPONENTS = (
 class Effectors:
     """A method for the effectors of a problem; see `ca_ros.nodes.rotors.Rotors`."""
 
-    def __init__(self, settings: Any, _: object = None) -> None:
-        found = read_problem(settings.problem, AllocationProblem)
-        if found is None:
-            raise ParameterError(f'problem: {settings.problem} has no entry problem')
-        self.problem = problem = found[0]
-        self.rows = rows_of(problem.axes)
-        self.method = allocator_of(settings.allocation, problem)
+    def __init__(self, settings: Any, report: Audit) -> None:
+        self.problem = problem = report.full
+        # Only failures cost axes.
+        subject = report if problem.failed else problem
+        self.method = allocator_of(settings.allocation, subject)
+        self.rows = rows_of(self.method.problem.axes)
         self.within_rates = WithinRates(self.method)
-        self.idle, self.lost = problem.clip(problem.resting_thrusts), np.array(False)
+        self.idle, self.lost = problem.clip(problem.resting_thrusts), problem.health == 0.0
         self._wrenches = np.zeros((6, problem.n))
-        self._wrenches[self.rows] = problem.gamma
+        self._wrenches[rows_of(problem.axes)] = problem.gamma
         unit = f' [{problem.unit.strip()}]' if problem.unit else ''
         self.label = ', '.join(f'{name}{unit}' for name in problem.effector_names)
         self.n = problem.n
@@ -71,40 +72,61 @@ class Effectors:
         return self._wrenches @ command, self.problem.saturation(command)
 
 
-class ProblemBelief:
-    """What a node believes of a problem: what its parameters say."""
+class ProblemBelief(Belief):
+    """What a node believes of a problem: its matrix, and the health of its effectors.
 
-    audit = None
+    The newest sound message on `effectiveness` and on `effector_health` holds.
+    """
 
-    def __init__(
-        self, node: Node, parameters: Parameters, diagnostics: Diagnostics,
-        make: Callable[..., Any], changed: Callable[[], None],
-    ) -> None:
-        self.built = make(parameters.settings, None, None)
-        self._changed = changed
-        parameters.on_change(lambda settings: make(settings, None, self.built), self._use)
+    made_by = ProblemReconfiguration
+    health_topic = topics.EFFECTOR_HEALTH
+    sound = 'no effector has failed'
 
-    def _use(self, built: Any) -> None:
-        self.built = built
-        self._changed()
+    def heed(self, streams: Streams, answer: Callable[[], None]) -> None:
+        """Subscribe to matrix and health."""
+        create = self._node.create_subscription
+        create(Float64MultiArray, topics.EFFECTIVENESS, self._receive_matrix, topics.STANDING)
+        receive = partial(self._receive_announcement, name=topics.EFFECTOR_HEALTH)
+        quality = topics.standing(self._parameters.mode.name)
+        create(Float64MultiArray, topics.EFFECTOR_HEALTH, receive, quality)
 
-    def heed(self, *_: object) -> None:
-        """Nobody reports the health of effectors."""
+    def values(self) -> Mapping[str, object]:
+        """Return what is in force, for the diagnostics."""
+        now = self.current.in_force
+        lost = (np.flatnonzero(now.health == 0.0) + 1).tolist()
+        return {
+            'health in use': ', '.join(f'{share:.3g}' for share in now.health),
+            'lost effectors': ', '.join(map(str, lost)) or 'none',
+            'stuck effectors': ', '.join(map(str, now.stuck)) or 'none',
+            **self._parameters.mode.values(), 'last build [ms]': f'{1e3 * now.duration:.2f}'}
 
-    def waits(self, _: int) -> bool:
-        """Return that no command waits for the health."""
-        return False
+    def _news(self, report: Audit) -> str:
+        # A matrix may change all the time.
+        return f'{report.lost} {report.hovers}'
 
-    def levels(self) -> list[Level]:
-        """Return nothing: no message makes it worse."""
-        return []
+    @property
+    def _faulty(self) -> bool:
+        return self.audit.full.failed and not self.audit.sound
 
-    def values(self) -> dict[str, object]:
-        """Return nothing."""
-        return {}
+    def _receive_matrix(self, message: Float64MultiArray) -> None:
+        m, n = shape = self.audit.full.gamma.shape
+        sizes = *(each.size for each in message.layout.dim),
+        try:
+            if sizes != shape or len(message.data) != m * n or message.layout.data_offset:
+                raise ParameterError(
+                    f'layout of sizes {sizes} and {len(message.data)} numbers: expected {m} rows, '
+                    f'one per axis, of {n} numbers, one per effector, layout.dim of sizes {shape}'
+                )
+            if self.current.change_matrix(np.reshape(message.data, shape)):
+                self._notify()
+        except ValueError as error:
+            self._diagnostics.counts['refused matrices'] += 1
+            self._diagnostics.warn('matrix', f'refused {topics.EFFECTIVENESS}: {error}')
 
-    def log(self) -> None:
-        """Log nothing."""
+    def _reductions(self, health: Array, stuck: Mapping[int, float]) -> str:
+        found = [f'effector {i + 1} at {health[i]:.3g}' for i in np.flatnonzero(health < 1.0)]
+        found += [f'effector {i} stuck at {value:g}' for i, value in stuck.items()]
+        return ', '.join(found) or self.sound
 
 
 class ProblemAllocatorNode(AllocatorNode):

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from math import inf
 from time import monotonic
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from rclpy.node import Node
@@ -25,8 +25,6 @@ from ca_ros.vehicle.validation import repeated
 BATTERY_TIMEOUT = 5.0
 """Time without a sound voltage, after there was one, from which a warning begins [s]."""
 
-SOUND = 'no rotor below the parameter rotors.health'
-
 Make = Callable[[Any, Audit, Any], Any]
 
 
@@ -43,13 +41,17 @@ class Belief:
     assigns.
     """
 
+    made_by: ClassVar[Any] = Reconfiguration
+    health_topic: ClassVar[str] = topics.ROTOR_HEALTH.name
+    sound: ClassVar[str] = 'no rotor below the parameter rotors.health'
+
     def __init__(
         self, node: Node, parameters: Parameters, diagnostics: Diagnostics, make: Make,
         changed: Callable[[], None],
     ) -> None:
         self._node, self._parameters, self._diagnostics = node, parameters, diagnostics
         self._changed = changed
-        self.current = Reconfiguration[Any](parameters.settings, make)
+        self.current = self.made_by(parameters.settings, make)
         parameters.on_change(self.current.prepare, self._use)
         self._health_time = -1
         self._voltage_time = inf
@@ -95,7 +97,7 @@ class Belief:
     def log(self) -> None:
         """Log what has changed since the last call: not while a command waits."""
         for name, reported in self.current.reported.items():
-            newest, text = self._logged_reports.get(name, (None, SOUND))
+            newest, text = self._logged_reports.get(name, (None, self.sound))
             if reported is not newest:
                 now = self._reductions(reported, self.current.reported_stuck[name])
                 self._logged_reports[name] = reported, now
@@ -110,9 +112,9 @@ class Belief:
         if report is before:
             return
         self._logged_audit = report
-        if str(report) != str(before):
+        if self._news(report) != (before and self._news(before)):
             # rclpy allows one severity for each line of code.
-            if report.sound:
+            if not self._faulty:
                 self._node.get_logger().info(f'audit: {report}')
             else:
                 self._node.get_logger().error(f'audit: {report}')
@@ -125,12 +127,21 @@ class Belief:
         if voltage is not None and monotonic() - self._voltage_time > BATTERY_TIMEOUT:
             text = f'no sound voltage for {BATTERY_TIMEOUT:g} s: {voltage:.4g} V holds'
             found.append((WARN, text))
-        topic = topics.ROTOR_HEALTH.name
+        topic = self.health_topic
         if topic in self.current.reported and not self._node.count_publishers(topic):
-            found.append((WARN, 'the publisher of rotor_health has ended: its last one holds'))
+            found.append((WARN, f'the publisher of {topic} has ended: its last one holds'))
         if self.current.fault:
             found.append((ERROR, f'not in force: {self.current.fault}'))
-        return found if self.audit.sound else [*found, (ERROR, str(self.audit))]
+        return [*found, (ERROR, str(self.audit))] if self._faulty else found
+
+    def _news(self, report: Audit) -> str:
+        """Return what is logged when it changes."""
+        return str(report)
+
+    @property
+    def _faulty(self) -> bool:
+        """Whether the audit is an error."""
+        return not self.audit.sound
 
     def values(self) -> Mapping[str, object]:
         """Return what is in force, for the diagnostics."""
@@ -176,10 +187,12 @@ class Belief:
             self._health_time = -1 if time is None else time
             self._answer()
 
-    def _receive_announcement(self, message: Float64MultiArray) -> None:
-        name = topics.ANNOUNCED_HEALTH.name
+    def _receive_announcement(
+        self, message: Float64MultiArray, name: str = topics.ANNOUNCED_HEALTH.name
+    ) -> None:
+        full = self.audit.full
         try:
-            said = read_announcement(message, self.audit.vehicle.n)
+            said = read_announcement(message, len(full.health), full.effector_kind)
             self.current.check(*said)
         except ParameterError as error:
             self._refuse(f'{name}: {error}')
@@ -204,4 +217,4 @@ class Belief:
         parameter = repeated('rotors.health', self._parameters.settings.rotors.health, n)
         found = [f'rotor {i + 1} at {health[i]:.3g}' for i in np.flatnonzero(health < parameter)]
         found += [f'servo of rotor {i} stuck at {angle:g} rad' for i, angle in stuck.items()]
-        return ', '.join(found) or SOUND
+        return ', '.join(found) or self.sound

@@ -125,13 +125,18 @@ def announcement(health: Array, stuck: Mapping[int, float], time: int | None) ->
     return speeds_message(np.append(health, pairs), time, label)
 
 
-def read_announcement(message: Float64MultiArray, n: int) -> tuple[Array, dict[int, float]]:
-    """Return what an `announcement` says of n rotors; a ParameterError if it is none."""
+def read_announcement(
+    message: Float64MultiArray, n: int, kind: str = 'rotors'
+) -> tuple[Array, dict[int, float]]:
+    """Return what an `announcement` says of n rotors or other effectors.
+
+    Raises a ParameterError if it is none.
+    """
     numbers = np.array(message.data)
     health, pairs = numbers[:n], numbers[n:]
     whole = all(map(float.is_integer, pairs[::2].tolist()))
     if len(health) < n or len(pairs) % 2 or not whole:
-        expected = f'the health of {n} rotors, then pairs of a rotor and the angle of its servo'
+        expected = f'the health of {n} {kind}, then pairs of what sticks, from 1 on, and where'
         raise ParameterError(f'{numbers}: expected {expected}')
     return health, {int(rotor): angle for rotor, angle in pairs.reshape(-1, 2).tolist()}
 

@@ -89,6 +89,8 @@ DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray)
 ROSOUT = Topic('/rosout', Log)
 MARKERS = MarkerArray and Topic('~/markers', MarkerArray, 'viewer', optional=True)
 
+EFFECTIVENESS = 'effectiveness'  # Float64MultiArray, m by n, of a problem without a vehicle
+EFFECTOR_HEALTH = 'effector_health'  # as rotor_health/announced, of effectors
 BATTERY = 'battery'  # sensor_msgs/BatteryState, for `rotors.speed_max_per_volt` alone
 
 TOPICS = tuple(topic for topic in list(globals().values()) if isinstance(topic, Topic))
