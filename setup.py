@@ -143,6 +143,7 @@ setup(
         (f'lib/{package}', executables()),
         (f'share/{package}', ['package.xml']),
         (f'share/{package}/config', sorted(glob('config/*.yaml'))),
+        (f'share/{package}/config/diagnostics', sorted(glob('config/diagnostics/*.yaml'))),
         (f'share/{package}/config/problems', sorted(glob('config/problems/*.yaml'))),
         (f'share/{package}/config/tilting', sorted(glob('config/tilting/*.yaml'))),
         (f'share/{package}/security', ['security/policy.xml']),

@@ -1,12 +1,15 @@
 """What the nodes say of themselves on /diagnostics (REP 107)."""
 
 import itertools
+import re
 import signal
 import struct
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped, Wrench, WrenchStamped
 from rclpy.publisher import Publisher
@@ -34,6 +37,7 @@ OUTPUTS = {
     'simulator': (TwistStamped, 'local_position/velocity_body'),
     'controller': (WrenchStamped, 'command/wrench')}
 HOVER, BEYOND = 9.81, 1e3
+ROOT = Path(__file__).resolve().parent.parent
 
 
 class Said:
@@ -344,3 +348,24 @@ def test_the_controller_says_what_it_waits_for(graph):
     message.header.stamp.sec = 0
     timer.reset()
     node.wait(OK, 'under way')
+
+
+def test_the_file_for_diagnostic_aggregator_has_a_group_for_each_subject(graph):
+    # The parser of ROS, as a node of the aggregator's name would use it.
+    file = ROOT / 'config' / 'diagnostics' / 'analyzers.yaml'
+    node = rclpy.create_node(
+        'analyzers', context=graph.context, automatically_declare_parameters_from_overrides=True,
+        cli_args=['--ros-args', '--params-file', str(file)])
+    found = node.get_parameters_by_prefix('')
+    node.destroy_node()
+    kinds = {found[name].value for name in found if name.endswith('.type')}
+    assert kinds == {'diagnostic_aggregator/GenericAnalyzer'}
+    groups = [found[name].value for name in found if name.endswith('.contains')]
+    sources = [*(ROOT / 'ca_ros' / 'nodes').glob('*.py'), ROOT / 'ca_ros' / 'px4' / 'bridge.py']
+    subjects = {
+        subject for source in sources
+        for subject in re.findall(r"\bDiagnostics\(self, '(\w+)'", source.read_text())}
+    assert subjects > {*SUBJECTS.values()}
+    for subject in subjects:
+        name = f'uav1/node: {subject}'
+        assert sum(any(part in name for part in parts) for parts in groups) == 1, name

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from ca_ros import Exact, Vehicle
 from ca_ros.nodes.topics import TOPICS
 from ca_ros.testing import executable
 from ca_ros_cli import NODES
@@ -212,6 +213,29 @@ def test_equations_that_docstrings_cite_stand_on_the_page_of_the_model():
         for number in re.findall(r'\((\d+)\)', spot)]
     assert len(cited) > 30
     assert {*cited} <= {*there}
+
+
+def test_the_messages_of_troubleshooting_are_said(tmp_path):
+    page = (ROOT / 'docs' / 'troubleshooting.md').read_text(encoding='utf-8')
+    file = (ROOT / 'config' / 'quadrotor.yaml').read_text(encoding='utf-8')
+    slips = {
+        'spin': ('spins:', 'spin:'), 'mass': ('mass: 1.0', 'mass: 30.0'),
+        'turns': ('[cw, ccw, cw, ccw]', '[cw, ccw, ccw, cw]'),
+        'millimetres': ('0.176776695297', '176.776695297')}
+    said = []
+    for name, slip in slips.items():
+        path = tmp_path / f'{name}.yaml'
+        path.write_text(file.replace(*slip), encoding='utf-8')
+        run = subprocess.run(
+            [sys.executable, '-m', 'ca_ros', 'audit', str(path)], capture_output=True, text=True)
+        said.append(run.stdout + run.stderr)
+    allocator = Exact(Vehicle.load('quadrotor'))
+    with pytest.raises(ValueError, match='expected shape') as raised:
+        allocator.allocate([9.81, 0.0, 0.0])
+    said.append(str(raised.value))
+    quoted = re.findall(r'`([^`]+)`', page)
+    for words in said:
+        assert any(len(each) > 20 and each in words for each in quoted), words
 
 
 def test_files_that_pages_name_exist():

@@ -26,7 +26,8 @@ from ca_ros.studies.wrench_sets import samples
 AIRMODE = 'allocation.sequential_desaturation.airmode:=roll_pitch'
 
 CONTENDERS: dict[str, tuple[str, tuple[str, ...]]] = {
-    **{name: (name, ()) for name in ALLOCATORS if name != 'weighted_pseudo_inverse'},
+    # With equal weights the one is another; OSQP alone rejects what is not attainable.
+    **{name: (name, ()) for name in ALLOCATORS if name not in ('weighted_pseudo_inverse', 'osqp')},
     'direct_about_hover': ('direct_about_hover', ()),
     'sequential_desaturation, airmode': ('sequential_desaturation', (AIRMODE,)),
     'daqp_hierarchical': ('daqp_hierarchical', ()),
