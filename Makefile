@@ -54,12 +54,13 @@ BASE ?= HEAD~1
 # How long `make soak` keeps the nodes at 500 Hz [s].
 SOAK ?= 600
 
-.PHONY: explorer help demo test test-all test-numpy soak benchmark compare readme docs venv clean
+.PHONY: explorer help demo test test-all test-fresh test-numpy soak benchmark compare readme docs venv clean
 
 help:
 	@echo 'make demo       fly the hexarotor over ROS 2 in real time; results in out/demo'
 	@echo 'make test       lint, types and tests, in some minutes'
 	@echo 'make test-all   the same tests in their long forms, those that take long, and the coverage'
+	@echo 'make test-fresh what draws vehicles and wrenches, with a new random seed each time'
 	@echo 'make test-numpy tests of allocation without the kernel in C'
 	@echo 'make benchmark  time everything beside other solvers, for minutes; results in benchmarks'
 	@echo 'make compare BASE=COMMIT   times and answers of HEAD beside those of another commit'
@@ -83,11 +84,18 @@ test-all: export CA_ROS_LONG = 1
 test-all: coverage = --cov ca_ros --cov-report term:skip-covered
 page_tools := npm clang wasm-ld
 test-all: $(if $(filter 3,$(words $(foreach tool,$(page_tools),$(shell command -v $(tool))))),\
-    explorer .venv/.browser) test
+    explorer .venv/.browser) test test-fresh
 	.venv/bin/python -m benchmarks.detection --hours 0.1 --losses 6
 
 .venv/.browser: .venv/.test
 	$(or $(uv),.venv/bin/uv) pip install -q --python .venv/bin/python -e '.[browser]' && touch $@
+
+# What draws its vehicles and wrenches, with others each time; SEED=... repeats a run.
+test-fresh: export CA_ROS_SEED := $(or $(SEED),$(shell date +%s))
+test-fresh: .venv/.test
+	@echo 'test-fresh: SEED=$(CA_ROS_SEED)'
+	.venv/bin/python -m pytest --numprocesses $(workers) -m 'not slow' \
+	    --hypothesis-seed $(CA_ROS_SEED) $$(grep -lE 'seeded\(|@given' test/test_*.py)
 
 # What depends on the engine of `exact`, with the one that needs no compiler.
 test-numpy: .venv/.test

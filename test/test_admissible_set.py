@@ -15,11 +15,12 @@ from strategies import (
     random_vehicle,
     reach,
     ring,
+    seeded,
     vehicles,
 )
 
 SOME = {name: FLEET[name] for name in ('hexarotor', 'y6', 'asymmetric')} | {
-    f'random with {n} rotors': random_vehicle(np.random.default_rng(n), n) for n in (4, 7)}
+    f'random with {n} rotors': random_vehicle(seeded(n), n) for n in (4, 7)}
 
 
 def test_the_hexarotor_has_22_facets_and_a_volume_known_by_hand():
@@ -61,7 +62,7 @@ def test_it_contains_what_a_linear_program_can_allocate(data):
 @pytest.mark.parametrize('name', SOME)
 def test_margin_is_the_distance_to_the_boundary(name):
     # No way out is shorter than the margin, and one is as short.
-    vehicle, rng = SOME[name], np.random.default_rng(0)
+    vehicle, rng = SOME[name], seeded(0)
     admissible = AdmissibleSet(vehicle)
     normals, offsets = admissible.facets
     for u in admissible.sample(rng, 5):
@@ -85,7 +86,7 @@ def test_margins_worked_out_by_hand():
 
 def test_margin_and_contains_of_many_are_those_of_each():
     admissible = AdmissibleSet(HEXAROTOR)
-    wrenches = admissible.center + np.random.default_rng(0).normal(size=(3, 5, 4))
+    wrenches = admissible.center + seeded(0).normal(size=(3, 5, 4))
     margins = admissible.margin(wrenches)
     assert margins.shape == (3, 5)
     np.testing.assert_allclose(
@@ -163,7 +164,7 @@ def test_samples_are_uniform_by_volume(name):
     vehicle, size = SOME[name], 20_000
     share = 0.5 ** len(vehicle.axes)
     low, high = vehicle.thrust_min, vehicle.thrust_max
-    admissible, rng = AdmissibleSet(vehicle), np.random.default_rng(0)
+    admissible, rng = AdmissibleSet(vehicle), seeded(0)
     samples = admissible.sample(rng, size)
     assert np.all(admissible.contains(samples, tolerance=1e-12))
     thrusts = rng.uniform(low, high, (10, vehicle.n))

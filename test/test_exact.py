@@ -5,9 +5,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from ca_ros import AdmissibleSet, Status, control_allocation_matrix
+from ca_ros import AdmissibleSet, Exact, Status, Vehicle, control_allocation_matrix
 from strategies import (
     FLEET,
+    HEXAROTOR,
     SOME,
     build,
     by_daqp,
@@ -16,8 +17,41 @@ from strategies import (
     middle,
     random_vehicle,
     ring,
+    seeded,
 )
 from strategies import unaudited as make_allocator
+
+PLUS = Vehicle(
+    mass=0.8, positions=[(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)],
+    spins=['cw', 'ccw', 'cw', 'ccw'], thrust_coefficient=1.0, torque_coefficient=0.5,
+    speed_min=0.0, speed_max=2.0)
+"""Arms of 1 m forward, left, back and right; thrusts of 0 to 4 N, 0.5 N m of drag for each N."""
+
+
+@pytest.mark.parametrize(('wrench', 'thrusts', 'served'), [
+    # Sums of opposite rotors: half of the thrust and the yaw torque, 4 + 1 and 4 - 1 N.  Their
+    # differences: f_2 - f_4 is the roll torque, 1 N m, and f_3 - f_1 the pitch torque, -2 N m.
+    ([8.0, 1.0, -2.0, 1.0], [3.5, 2.0, 1.5, 1.0], [8.0, 1.0, -2.0, 1.0]),
+    # The yaw torque needs 4 + 10 N of two rotors, which give 8: it is last in the order.
+    ([8.0, 0.0, 0.0, 10.0], [4.0, 0.0, 4.0, 0.0], [8.0, 0.0, 0.0, 4.0]),
+    # Beyond the greatest thrust no torque is left.
+    ([20.0, 0.0, 0.0, 0.0], [4.0, 4.0, 4.0, 4.0], [16.0, 0.0, 0.0, 0.0]),
+])
+def test_wrenches_worked_out_by_hand(wrench, thrusts, served):
+    answer = Exact(PLUS).allocate(wrench)
+    np.testing.assert_allclose(answer.thrusts, thrusts, atol=1e-12)
+    np.testing.assert_allclose(answer.wrench, served, atol=1e-12)
+    np.testing.assert_allclose(answer.speeds, np.sqrt(thrusts), atol=1e-7)
+    assert answer.status is (Status.EXACT if wrench == served else Status.PRIORITIZED)
+
+
+def test_six_rotors_share_as_the_least_norm_does():
+    # Of six equal rotors on a circle the least thrusts for a roll torque are in the ratio of y.
+    answer = Exact(HEXAROTOR).allocate([9.6, 0.6, 0.0, 0.0])
+    s = np.sqrt(3.0) / 2.0  # arms of 0.4 m; 0.6 = sum of 0.4 y d y, with 4 rotors at y = +-s
+    share = 0.6 / (4.0 * 0.4 * s**2) * np.array([0.0, s, s, 0.0, -s, -s])
+    np.testing.assert_allclose(answer.thrusts, 1.6 + share, atol=1e-12)
+
 
 VEHICLES = length(5, 150, 1000)
 HARD = (238, 247, 420, 833, 874, 919, 929, 944, 983)
@@ -106,7 +140,7 @@ def check(vehicle, allocator, kind, u):
 
 @pytest.mark.parametrize('name', SOME)
 def test_exact_in_and_around_the_boundary_of_any_named_vehicle(name):
-    vehicle, rng = FLEET[name], np.random.default_rng(0)
+    vehicle, rng = FLEET[name], seeded(0)
     allocator = make_allocator('exact', vehicle)
     for kind, wrenches in commands(vehicle, rng, 15):
         for u in wrenches:
@@ -115,7 +149,7 @@ def test_exact_in_and_around_the_boundary_of_any_named_vehicle(name):
 
 @pytest.mark.parametrize('seed', sorted({*range(VEHICLES), *HARD}))
 def test_exact_in_and_around_the_boundary_of_any_random_vehicle(seed):
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     vehicle = random_vehicle(rng, 4 + seed % 13)
     allocator = make_allocator('exact', vehicle)
     for kind, wrenches in commands(vehicle, rng, 4):
@@ -125,7 +159,7 @@ def test_exact_in_and_around_the_boundary_of_any_random_vehicle(seed):
 
 def almost(positions, error):
     """Return a vehicle of rotors that turn in turn, their places off by about an error [m]."""
-    errors = error * np.random.default_rng(1).normal(size=positions.shape)
+    errors = error * seeded(1).normal(size=positions.shape)
     return build(positions + errors, 'PN' * (len(positions) // 2))
 
 
@@ -142,7 +176,7 @@ ALMOST_SYMMETRIC = {
 @pytest.mark.parametrize(
     'name', length(['6 rotors, 0.001 m', '8 rotors, 1e-05 m', '4 digits'], ALMOST_SYMMETRIC))
 def test_without_slack_almost_symmetric_vehicles_are_exact_on_all_of_their_facets(name):
-    vehicle, rng = ALMOST_SYMMETRIC[name], np.random.default_rng(6)
+    vehicle, rng = ALMOST_SYMMETRIC[name], seeded(6)
     allocators = [make_allocator('exact', vehicle, policy=policy, residual_slack=0.0)
                   for policy in ('prioritize', 'scale')]
     gamma, center = control_allocation_matrix(vehicle), middle(vehicle)
@@ -168,7 +202,7 @@ def test_without_slack_almost_symmetric_vehicles_are_exact_on_all_of_their_facet
 
 @pytest.mark.parametrize('name', SOME)
 def test_the_certificate_proves_the_answer(name):
-    vehicle, rng = FLEET[name], np.random.default_rng(4)
+    vehicle, rng = FLEET[name], seeded(4)
     gamma, admissible = control_allocation_matrix(vehicle), AdmissibleSet(vehicle)
     low, high = vehicle.thrust_min, vehicle.thrust_max
     allocator = make_allocator('exact', vehicle)
@@ -190,7 +224,7 @@ def test_the_certificate_proves_the_answer(name):
 @pytest.mark.parametrize('name', SOME)
 def test_the_certificate_names_the_nearest_facet_by_its_rotors(name):
     # With the named rotors at their bounds, the others span a plane at the distance of the margin.
-    vehicle, rng = FLEET[name], np.random.default_rng(5)
+    vehicle, rng = FLEET[name], seeded(5)
     gamma = control_allocation_matrix(vehicle)
     low, high = vehicle.thrust_min, vehicle.thrust_max
     samples = rng.uniform(low, high, (20, vehicle.n)) @ gamma.T
@@ -230,7 +264,7 @@ def jumps(vehicle, size, **options):
     """Return how thrusts and residuals behave on the boundary and 1e-9 inside: (size,) each."""
     allocator = make_allocator('exact', vehicle, **options)
     center = middle(vehicle)
-    edge = boundary_thrusts(vehicle, np.random.default_rng(7), size) @ allocator.problem.gamma.T
+    edge = boundary_thrusts(vehicle, seeded(7), size) @ allocator.problem.gamma.T
     way = center - edge
     beside = edge + 1e-9 * way / np.linalg.norm(way, axis=1, keepdims=True)
     on, inside = ([allocator.allocate(u) for u in wrenches] for wrenches in (edge, beside))

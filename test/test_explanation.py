@@ -10,7 +10,7 @@ from ca_ros.kernel import load
 from ca_ros.problem.limits import ALONE, BY_BOUND, BY_HEALTH, BY_RATE, TOGETHER, Limits
 from ca_ros.problem.prioritization import airmode_limits
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from strategies import FLEET, HEXAROTOR, SOME, extreme, length, need_kernel, unaudited
+from strategies import FLEET, HEXAROTOR, SOME, extreme, length, need_kernel, seeded, unaudited
 from test_prioritize import LOST, ORDERS, Judge, groups_of
 
 LIMITS = [1.0, 0.0, [0.3, 0.1]]
@@ -20,7 +20,7 @@ LIMITS = [1.0, 0.0, [0.3, 0.1]]
 def test_both_engines_name_the_same(name, monkeypatch):
     need_kernel()
     problem = VehicleProblem(FLEET[name])
-    rng = np.random.default_rng(3)
+    rng = seeded(3)
     demands = problem.center + rng.uniform(-2.0, 2.0, (length(10, 60), problem.gamma.shape[0])) \
         * problem.extent
     for limit in LIMITS:
@@ -209,7 +209,7 @@ CASES = {
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize('name', CASES)
 def test_what_is_said_is_so_when_the_demand_is_served_again(name):
-    case, rng, checked = CASES[name](), np.random.default_rng(1), 0
+    case, rng, checked = CASES[name](), seeded(1), 0
     for answer in case.answers(rng, 100000):
         try:
             checked += check_statements(case, answer)
@@ -222,7 +222,7 @@ def test_what_is_said_is_so_when_the_demand_is_served_again(name):
 @pytest.mark.parametrize('name', SOME)
 def test_in_single_precision_the_gains_are_the_same(name):
     need_kernel()
-    problem, rng, count = VehicleProblem(FLEET[name]), np.random.default_rng(2), 0
+    problem, rng, count = VehicleProblem(FLEET[name]), seeded(2), 0
     m, n = problem.gamma.shape
     kernels = [kernel_for(load(precision), problem, ExactSettings(airmode_limit=0.1), dtype)
                for precision, dtype in (('double', np.float64), ('single', np.float32))]

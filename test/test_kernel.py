@@ -16,7 +16,7 @@ from ca_ros.allocation.result import Allocation
 from ca_ros.kernel import INVALID, load, warn_if_missing
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from strategies import FLEET, HEXAROTOR, SOME, around, length, need_kernel, random_vehicle
+from strategies import FLEET, HEXAROTOR, SOME, around, length, need_kernel, random_vehicle, seeded
 
 VEHICLES = length(6, 30, 1000)
 """How many random vehicles."""
@@ -68,13 +68,13 @@ def test_it_answers_as_numpy_does(name, policy, pair):
     if 'order' in options and name == 'tilted_hexarotor':
         options['order'] = [*options['order'], 'force_x force_y']
     engines = pair(VehicleProblem(FLEET[name]), **options)
-    for demands in around(engines[0].problem, np.random.default_rng(7), 20):
+    for demands in around(engines[0].problem, seeded(7), 20):
         compare(*engines, demands)
 
 
 @pytest.mark.parametrize('seed', range(VEHICLES))
 def test_it_answers_as_numpy_does_for_random_vehicles(seed, pair):
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     problem = VehicleProblem(random_vehicle(rng, 4 + seed % 13))
     drawn = around(problem, rng, 29)
     # With the default slack some wrenches near facets that are almost parallel are missed by it.
@@ -87,7 +87,7 @@ def test_it_answers_as_numpy_does_for_random_vehicles(seed, pair):
 @pytest.mark.parametrize('name', SOME)
 def test_an_answer_depends_on_the_wrench_alone(name):
     allocator = make_allocator('exact', VehicleProblem(FLEET[name]))
-    demands = np.vstack(around(allocator.problem, np.random.default_rng(8), 50))
+    demands = np.vstack(around(allocator.problem, seeded(8), 50))
     batch = allocator.allocate_batch(demands)
     backwards = allocator.allocate_batch(demands[::-1])
     singles = np.array([allocator.allocate(u).thrusts for u in demands])
@@ -99,7 +99,7 @@ def test_an_answer_depends_on_the_wrench_alone(name):
 def test_the_margin_is_the_distance_to_the_facets(name):
     problem = VehicleProblem(FLEET[name])
     kernel = kernel_of(problem)
-    for demands in around(problem, np.random.default_rng(10), 10):
+    for demands in around(problem, seeded(10), 10):
         margins = AdmissibleSet(problem).margin(demands)
         np.testing.assert_allclose(
             [kernel.margin(u) for u in demands], margins, rtol=0.0, atol=1e-9)
@@ -114,7 +114,7 @@ def kernel_of(problem, precision='double', dtype=np.float64):
 def test_in_single_precision_wrenches_are_given_to_1e_5(name):
     problem = VehicleProblem(FLEET[name])
     kernel = kernel_of(problem, 'single', np.float32)
-    for kind, demands in enumerate(around(problem, np.random.default_rng(11), 100)):
+    for kind, demands in enumerate(around(problem, seeded(11), 100)):
         for u in demands.astype(np.float32):
             thrusts = np.empty(problem.n, np.float32)
             answer = kernel.allocate(u, np.empty_like(u), thrusts)
@@ -134,7 +134,7 @@ HOSTILE = [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e100, 1e-300, 5e-324, -0.0, 
 
 @pytest.mark.parametrize(('precision', 'dtype'), [('double', np.float64), ('single', np.float32)])
 def test_hostile_wrenches_get_a_status_and_thrusts_within_their_bounds(precision, dtype):
-    rng = np.random.default_rng(12)
+    rng = seeded(12)
     for name in ('hexarotor', 'asymmetric', 'tilted_hexarotor'):
         problem = VehicleProblem(FLEET[name])
         kernel, m = kernel_of(problem, precision, dtype), len(problem.axes)
@@ -297,7 +297,7 @@ def test_a_thrust_that_would_move_an_axis_at_its_goal_is_no_choice():
 
 @pytest.mark.parametrize('name', SOME)
 def test_it_answers_as_numpy_does_with_rotors_lost(name, pair):
-    rng = np.random.default_rng(13)
+    rng = seeded(13)
     for lost in range(min(FLEET[name].n, 3)):
         health = np.ones(FLEET[name].n)
         health[lost] = 0.0

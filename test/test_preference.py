@@ -10,7 +10,7 @@ from ca_ros import AllocationProblem, Status, Vehicle, make_allocator
 from ca_ros.allocation.box_backend import BoxNumpy, kernel_for
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.kernel import load
-from strategies import around, by_daqp, by_quadprog, length, need_kernel
+from strategies import around, by_daqp, by_quadprog, length, need_kernel, seeded
 
 PROBLEMS = length(15, 60, 1000)
 """How many random problems."""
@@ -41,7 +41,7 @@ def allocate(engine, problem, u):
 
 @pytest.mark.parametrize('seed', range(PROBLEMS))
 def test_the_weighted_distance_is_the_least_that_other_solvers_find(seed):
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     problem, settings = random_problem(rng)
     kernel = kernel_for(load(), problem, settings)
     squares = np.diag(np.square(settings.weights))
@@ -60,7 +60,7 @@ def test_the_weighted_distance_is_the_least_that_other_solvers_find(seed):
 @pytest.mark.parametrize('seed', range(length(8, 30)))
 @pytest.mark.parametrize('policy', ['prioritize', 'scale', 'reject'])
 def test_numpy_gives_the_same(seed, policy):
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     problem, settings = random_problem(rng)
     settings = replace(settings, policy=policy, scale_reference=problem.center)
     engines = kernel_for(load(), problem, settings), BoxNumpy(problem, settings)
@@ -90,7 +90,7 @@ def test_by_hand():
 
 @pytest.mark.parametrize('seed', range(length(4, 10)))
 def test_ones_and_zeros_and_four_axes_change_no_bit(seed):
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     n = 4 + seed
     problem = AllocationProblem(rng.normal(size=(4, n)), rng.uniform(-2.0, 0.0, n), 3.0)
     each = list(range(4))
@@ -133,7 +133,7 @@ def test_a_weight_and_a_preference_belong_together():
 # The options of exact
 
 def test_the_certificate_proves_the_least_weighted_distance():
-    rng = np.random.default_rng(4)
+    rng = seeded(4)
     octorotor = Vehicle.load('octorotor')
     weights, preferred = rng.uniform(0.5, 4.0, 8), rng.uniform(0.0, 4.0, 8)
     allocator = make_allocator('exact', octorotor, weights=weights, preferred=preferred)

@@ -20,6 +20,7 @@ from strategies import (
     demands,
     length,
     random_vehicle,
+    seeded,
     vehicles,
 )
 from strategies import (
@@ -223,13 +224,13 @@ def compare(vehicle, order, rng, size, limits_on_airmode=(1.0,)):
 
 @pytest.mark.parametrize('order', ORDERS)
 def test_the_hexarotor_serves_as_the_linear_programs_do(order):
-    compare(HEXAROTOR, ORDERS[order], np.random.default_rng(0), length(15, 150))
+    compare(HEXAROTOR, ORDERS[order], seeded(0), length(15, 150))
 
 
 @pytest.mark.parametrize('order', ORDERS)
 @pytest.mark.parametrize('seed', length([1, 2], range(10)))
 def test_random_vehicles_serve_as_the_linear_programs_do(seed, order):
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     vehicle = random_vehicle(rng, 4 + seed % 5)
     lateral = [[axis for axis in vehicle.axes if axis.startswith('force')]]
     compare(vehicle, ORDERS[order] + lateral * bool(lateral[0]), rng, 12)
@@ -255,8 +256,8 @@ AIRMODES = [0.0, 0.1, 0.5, 1.0, [1.0, 0.0], [0.5, 0.1]]
 @pytest.mark.parametrize('name', length(
     ['hexarotor', 'tilted_hexarotor'], [*FLEET, *(f'random {i}' for i in range(11))]))
 def test_a_limit_on_airmode_serves_as_the_linear_programs_do(name, order):
-    rng = np.random.default_rng(4)
-    vehicle = FLEET.get(name) or random_vehicle(np.random.default_rng(int(name[7:])), 6)
+    rng = seeded(4)
+    vehicle = FLEET.get(name) or random_vehicle(seeded(int(name[7:])), 6)
     lateral = [[axis for axis in vehicle.axes if axis.startswith('force')]]
     size = int(os.environ.get('CA_ROS_AIRMODE', length(8, 18)))
     compare(vehicle, ORDERS[order] + lateral * bool(lateral[0]), rng, size, AIRMODES)
@@ -264,7 +265,7 @@ def test_a_limit_on_airmode_serves_as_the_linear_programs_do(name, order):
 
 @pytest.mark.parametrize('name', ['hexarotor', 'asymmetric', 'x8'])
 def test_the_share_of_roll_and_pitch_never_falls_as_the_limit_on_airmode_rises(name):
-    admissible, rng = AdmissibleSet(FLEET[name]), np.random.default_rng(5)
+    admissible, rng = AdmissibleSet(FLEET[name]), seeded(5)
     center, extent = admissible.problem.center, admissible.problem.extent
     for u in rng.uniform(center - 1.2 * extent, center + 1.2 * extent, (20, 4)):
         shares = [admissible.prioritize_levels(u, airmode_limit=limit)[1][1]
@@ -273,7 +274,7 @@ def test_the_share_of_roll_and_pitch_never_falls_as_the_limit_on_airmode_rises(n
 
 
 def test_with_rates_a_greater_limit_on_airmode_never_leads_off_the_demanded_direction():
-    vehicle, rng = FLEET['quadrotor'], np.random.default_rng(7)
+    vehicle, rng = FLEET['quadrotor'], seeded(7)
     problem, levels = AdmissibleSet(vehicle).problem, slice(1, 3)
     methods = [SlewLimited(Exact(vehicle, airmode_limit=limit), rates=3000.0)
                for limit in (0.0, 0.1, 0.3, 1.0)]
@@ -406,7 +407,7 @@ def test_near_hover_the_axes_of_a_later_group_share_without_a_jump(name, order):
     # There the direction of the demand of a group is of no account: it may be any.
     allocator = make_allocator('exact', FLEET[name], order=order)
     hover, extent = allocator.problem.hover, allocator.problem.extent
-    rng, first = np.random.default_rng(0), order[0].split()
+    rng, first = seeded(0), order[0].split()
     rows = [allocator.problem.axes.index(axis) for axis in first]
     for _ in range(10):
         u = hover.copy()

@@ -18,7 +18,7 @@ from ca_ros import (
 )
 from ca_ros.allocation.rates import WithinRates
 from ca_ros.problem.programs import lengths
-from strategies import around, by_daqp, by_quadprog, length
+from strategies import around, by_daqp, by_quadprog, length, seeded
 
 PROBLEMS = length(8, 60, 1000)
 """How many random problems."""
@@ -30,7 +30,7 @@ ELEVONS = AllocationProblem(
 
 def random_problem(seed):
     """Return a problem with rows of very different sizes and bounds on any side of zero."""
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     m = int(rng.integers(1, 7))
     n = int(rng.integers(m, 17))
     matrix = rng.normal(size=(m, n)) * 10.0 ** rng.uniform(-1.5, 1.5, (m, 1))
@@ -83,7 +83,7 @@ def test_every_method_takes_a_shipped_problem(method, name):
     # Of harv some facets are almost parallel, where `exact` would use its slack.
     options = {'residual_slack': 0.0} if method == 'exact' else {}
     allocator = make_allocator(method, problem, **options)
-    demands = np.vstack(around(problem, np.random.default_rng(5), 20))
+    demands = np.vstack(around(problem, seeded(5), 20))
     answers = allocator.allocate_batch(demands)
     assert np.all((problem.lower <= answers.thrusts) & (answers.thrusts <= problem.upper))
     exact = answers.status == Status.EXACT
@@ -290,7 +290,7 @@ def test_answers_within_rates_leave_allocator_and_problem_as_they_are(name):
 def test_osqp_is_judged_by_its_residual_and_depends_on_the_wrench_alone():
     pytest.importorskip('osqp')
     osqp = make_allocator('osqp', Vehicle.load('hexarotor'))
-    rng, problem = np.random.default_rng(1), osqp.problem
+    rng, problem = seeded(1), osqp.problem
     wrenches = AdmissibleSet(problem).sample(rng, 20)
     answers = [osqp.allocate(u) for u in wrenches]
     for u, answer in zip(wrenches, answers, strict=True):

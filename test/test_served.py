@@ -13,7 +13,7 @@ from ca_ros.kernel import load
 from ca_ros.problem.audit import audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.vehicle.settings import AXES
-from strategies import build, length, need_kernel, random_vehicle, ring, tilted_axes
+from strategies import build, length, need_kernel, random_vehicle, ring, seeded, tilted_axes
 
 need_kernel()
 
@@ -63,7 +63,7 @@ def drawn_wrenches(rng, problem, size):
 
 @pytest.mark.parametrize('seed', range(length(24, 200, 2000)))
 def test_the_thrusts_for_what_is_served_have_the_least_norm(seed):
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     problem = drawn_problem(rng)
     exact = make_allocator('exact', problem, residual_slack=0.0, **drawn_options(rng, problem))
     assert exact.engine == 'C'
@@ -105,7 +105,7 @@ def served_by(problem, settings, wrenches, precision):
 
 @pytest.mark.parametrize('seed', range(length(24, 200, 2000)))
 def test_single_precision_serves_what_double_precision_does(seed):
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     problem = drawn_problem(rng)
     settings = ExactSettings(**drawn_options(rng, problem))
     wrenches = drawn_wrenches(rng, problem, length(2000, 5000)).astype(np.float32).astype(float)
@@ -126,7 +126,7 @@ def test_single_precision_serves_what_double_precision_does(seed):
 @pytest.mark.parametrize('seed', [1788, 2860, 3341, 3834])
 def test_wrenches_almost_at_an_edge_are_served_as_those_around_them(seed):
     """In single precision these lie 1e-8 beside an edge, where pivots are as small."""
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     problem = drawn_problem(rng)
     settings = ExactSettings(**drawn_options(rng, problem))
     wrenches = drawn_wrenches(rng, problem, 2000).astype(np.float32).astype(float)

@@ -24,6 +24,7 @@ from strategies import (
     length,
     need_kernel,
     random_vehicle,
+    seeded,
 )
 
 HOVER = make_allocator('exact', HEXAROTOR).allocate([9.81, 0.0, 0.0, 0.0]).speeds
@@ -33,7 +34,7 @@ ROLL = [9.81, 0.8, 0.0, 0.0]
 @pytest.mark.parametrize('method', ALLOCATORS)
 def test_the_speeds_stay_within_reach_of_the_last_ones(method):
     slow = SlewLimited(make_allocator(method, HEXAROTOR), rates=3000.0)
-    rng, last = np.random.default_rng(1), HOVER
+    rng, last = seeded(1), HOVER
     for _ in range(25):
         answer = slow.allocate(ROLL + rng.normal(0.0, [3.0, 0.5, 0.5, 0.05]), last, period=0.01)
         assert np.all(np.abs(answer.speeds - last) <= 30.0 * (1.0 + 1e-12))
@@ -162,11 +163,11 @@ def sequence(problem, rng, size=10):
 @pytest.mark.parametrize('index', range(SEQUENCES))
 def test_sequences_are_exact_within_the_moving_bounds(index, monkeypatch):
     need_kernel()
-    rng = np.random.default_rng(index)
+    rng = seeded(index)
     names = [*FLEET, *range(11)]
     name = names[index % len(names)]
     vehicle = FLEET[name] if name in FLEET else random_vehicle(
-        np.random.default_rng(name), 4 + name % 5)
+        seeded(name), 4 + name % 5)
     problem = VehicleProblem(vehicle)
     demands, periods = sequence(problem, rng), rng.choice([0.002, 0.01, 0.05], 10)
     rates = RATES * rng.uniform(0.5, 2.0, vehicle.n), 0.5 * RATES * rng.uniform(0.5, 2.0)

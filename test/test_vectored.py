@@ -24,7 +24,7 @@ from ca_ros.solver.convex_sets import ConvexSets
 from ca_ros.solver.least_norm_over_sets import SetsNewton
 from ca_ros.vehicle.files import read
 from ca_ros.vehicle.settings import AXES
-from strategies import length
+from strategies import length, seeded
 
 clarabel = pytest.importorskip('clarabel', reason="needs the extra 'test'")
 
@@ -52,7 +52,7 @@ def random_problem(seed):
     ]
     sets = [sets[(seed * k) % 7] for k in range(1, 8)] if seed > 1 else sets
     size = sum(each.size for each in sets)
-    matrix = np.random.default_rng(seed).normal(size=(6, size))
+    matrix = seeded(seed).normal(size=(6, size))
     axes = ['force_x', 'force_y', 'thrust', 'roll', 'pitch', 'yaw']
     return AllocationProblem(matrix, axes=axes, sets=sets)
 
@@ -110,7 +110,7 @@ def clarabel_minimum(sets, matrix, goal, linear, curvature, bounds=()):
 
 @pytest.mark.parametrize('scale', [0.3, 3.0, 30.0])
 def test_projection_is_nearest_and_its_derivative_true(scale):
-    sets, rng = ConvexSets(SETS), np.random.default_rng(0)
+    sets, rng = ConvexSets(SETS), seeded(0)
     points, ways = scale * rng.normal(size=(2, 500, sets.n))
     nearest, rate = sets.project_with_derivative(points)
     # The plane through the nearest point, normal to the way to it, touches the set.
@@ -157,7 +157,7 @@ def test_wrong_sets_are_named(kind, values, fault):
 
 @pytest.mark.parametrize('name', PROBLEMS)
 def test_attainable_wrenches_are_met_at_the_least_cost(name):
-    problem, rng = PROBLEMS[name], np.random.default_rng(2)
+    problem, rng = PROBLEMS[name], seeded(2)
     sets = problem.sets
     vectors = sets.project(rng.uniform(1.3 * sets.lower, 1.3 * sets.upper, (WRENCHES, sets.n)))
     wrenches = vectors @ problem.gamma.T
@@ -195,7 +195,7 @@ def test_attainable_wrenches_are_met_at_the_least_cost(name):
 
 @pytest.mark.parametrize('name', PROBLEMS)
 def test_scale_reaches_the_level_of_a_cone_program(name):
-    problem, rng = PROBLEMS[name], np.random.default_rng(3)
+    problem, rng = PROBLEMS[name], seeded(3)
     allocator = make_allocator('exact', problem, policy='scale')
     start = AdmissibleSet(problem).reference
     levels, gaps, dear, aside = [], [], [], []
@@ -247,7 +247,7 @@ def test_prioritize_serves_one_axis_after_the_other(name):
 
     On a curved boundary this alone is worth up to the fourth root of it.
     """
-    problem, rng = PROBLEMS[name], np.random.default_rng(4)
+    problem, rng = PROBLEMS[name], seeded(4)
     order = [['roll'], ['thrust'], ['yaw'], ['pitch'], ['force_x'], ['force_y']]
     order = [group for group in order if group[0] in problem.axes]
     allocator = make_allocator('exact', problem, order=order, axis_reversal='allow')
@@ -282,7 +282,7 @@ def test_thin_sectors_are_solved(engine):
     """Along a step of Newton's method the slope falls from its first value to a negative one."""
     sets = [Sector(1e-3, 1.0, 3, 0.9), Sector(1e-6, 4.0, 2), Sector(1.0, 1.0, 2)]
     for seed in range(3):
-        rng = np.random.default_rng(seed)
+        rng = seeded(seed)
         problem = AllocationProblem(rng.normal(size=(4, 7)), sets=sets)
         low, high = 1.3 * problem.lower, 1.3 * problem.upper
         wrenches = problem.clip(rng.uniform(low, high, (20, 7))) @ problem.gamma.T
@@ -307,7 +307,7 @@ def test_margin_and_sections_are_bounded_from_both_sides():
     points = admissible.section(['axis_1', 'axis_2'], [0.0, 0.0, 1.0]).vertices
     np.testing.assert_allclose(np.hypot(*points.T), np.sqrt(3.0), rtol=1e-7)
     assert admissible.section(['axis_1', 'axis_2'], [0.0, 0.0, 2.1]).empty
-    drawn = admissible.sample(np.random.default_rng(0), 500)
+    drawn = admissible.sample(seeded(0), 500)
     assert np.linalg.norm(drawn, axis=1).max() <= 2.0 + 1e-9
 
 
@@ -331,7 +331,7 @@ def drawn_sets(rng):
 @pytest.mark.parametrize('engine', [sets_newton, SetsNewton])
 def test_vectors_stay_in_their_sets_and_multipliers_finite(engine):
     """Wrenches on the boundary, or just beyond it, where no multipliers exist."""
-    rng = np.random.default_rng(WRENCHES)
+    rng = seeded(WRENCHES)
     for _ in range(length(100, 3000) if engine is sets_newton else length(5, 50)):
         matrix, sets = drawn_sets(rng)
         middle, wrenches = matrix @ sets.middle, []
@@ -352,7 +352,7 @@ def test_vectors_stay_in_their_sets_and_multipliers_finite(engine):
 @pytest.mark.parametrize('name', ['hexarotor_tilting', 'tricopter', 'azimuth_boat'])
 def test_an_outline_leaves_out_less_than_a_thousandth_of_the_range(name):
     """All attainable points of the plane: found by lines in directions that are drawn."""
-    problem, rng = PROBLEMS[name], np.random.default_rng(7)
+    problem, rng = PROBLEMS[name], seeded(7)
     admissible = AdmissibleSet(problem)
     for axes in (problem.axes[:2], problem.axes[-2:], problem.axes[1:3]):
         rows, start = [problem.axes.index(axis) for axis in axes], admissible.reference
@@ -370,7 +370,7 @@ def test_an_outline_leaves_out_less_than_a_thousandth_of_the_range(name):
 
 
 def test_a_duality_gap_is_not_negative():
-    problem, rng = PROBLEMS['hexarotor_tilting'], np.random.default_rng(11)
+    problem, rng = PROBLEMS['hexarotor_tilting'], seeded(11)
     exact = make_allocator('exact', problem)
     drawn = AdmissibleSet(problem).sample(rng, 200)
     assert all(exact.allocate(u).certificate.gap >= 0.0 for u in drawn)
@@ -389,7 +389,7 @@ def test_speeds_and_angles_give_the_wrench(name):
     """The forces of the rotors in the body frame, from speeds and servo angles alone."""
     vehicle = Vehicle.load(name)
     problem, allocator = VehicleProblem(vehicle), make_allocator('exact', vehicle)
-    rng = np.random.default_rng(5)
+    rng = seeded(5)
     low, high = vehicle.servos.limits
     vectors = rng.uniform(1.3 * problem.lower, 1.3 * problem.upper, (20, problem.n))
     for u in problem.clip(vectors) @ problem.gamma.T:
@@ -433,7 +433,7 @@ BEYOND = [2.26777, 15.01897, 9.66983, -2.55439, 1.86059, 4.72231]
 
 @pytest.mark.parametrize('name', ['hexarotor_tilting', 'omnidirectional_gimbals', 'tricopter'])
 def test_roll_and_pitch_keep_their_direction_far_beyond_the_set(name):
-    rng, allocator = np.random.default_rng(3), make_allocator('exact', Vehicle.load(name))
+    rng, allocator = seeded(3), make_allocator('exact', Vehicle.load(name))
     problem = allocator.problem
     if problem.program.least_norm.engine != 'C':
         pytest.skip('NumPy takes seconds for these')
@@ -509,7 +509,7 @@ def test_what_a_rate_limits_is_named(name, u, rates, status, words):
 @pytest.mark.parametrize('name', length(['azimuth_boat'], list(PROBLEMS)[2:]))
 def test_any_command_is_reached_within_the_rates(name):
     """The wrench of a command within the rates is attainable in the next step, or nearly so."""
-    vehicle, rng = Vehicle.load(name), np.random.default_rng(6)
+    vehicle, rng = Vehicle.load(name), seeded(6)
     limited = TiltLimited(vehicle, 500.0, 2.0)
     low, high = vehicle.servos.limits
     for _ in range(length(3, 10)):
@@ -533,7 +533,7 @@ def test_any_command_is_reached_within_the_rates(name):
 
 @pytest.mark.parametrize('name', length(['tricopter'], PROBLEMS))
 def test_baselines_keep_angles_and_thrusts(name):
-    problem, rng = PROBLEMS[name], np.random.default_rng(7)
+    problem, rng = PROBLEMS[name], seeded(7)
     wrenches = problem.center + problem.extent * rng.normal(size=(10, len(problem.axes)))
     low, high = problem.sets.length_limits
     clipped = make_allocator('pseudo_inverse', problem).allocate_batch(wrenches)
@@ -557,7 +557,7 @@ def test_baselines_keep_angles_and_thrusts(name):
 @pytest.mark.parametrize('name', PROBLEMS)
 def test_c_equals_numpy(name):
     """With the same wrenches, least costs, levels and ends of lines, inside and beyond."""
-    problem, rng = PROBLEMS[name], np.random.default_rng(8)
+    problem, rng = PROBLEMS[name], seeded(8)
     solvers = [SetsNewton(problem.gamma, problem.sets), problem.program.least_norm]
     if solvers[1].engine != 'C':
         pytest.skip('the extension module is not built')
@@ -586,7 +586,7 @@ def test_c_equals_numpy(name):
 @pytest.mark.parametrize('policy', ['prioritize', 'scale', 'reject'])
 @pytest.mark.parametrize('name', ['hexarotor_tilting', 'azimuth_boat'])
 def test_allocators_in_c_and_numpy_agree(name, policy, monkeypatch):
-    problem, rng = PROBLEMS[name], np.random.default_rng(9)
+    problem, rng = PROBLEMS[name], seeded(9)
     wrenches = problem.center + problem.extent * rng.normal(size=(6, len(problem.axes)))
     wrenches[0] = problem.reference
     in_c = make_allocator('exact', problem, policy=policy)
@@ -650,7 +650,7 @@ def test_sets_in_the_file_of_a_problem(tmp_path):
 @pytest.mark.parametrize('newton', [sets_newton, SetsNewton])
 @pytest.mark.parametrize('seed', range(length(20, 200)))
 def test_preferred_vectors_whose_squares_overflow_end_at_the_tip_of_the_set(newton, seed):
-    rng = np.random.default_rng(seed)
+    rng = seeded(seed)
     size, radius = int(rng.integers(2, 4)), rng.uniform(1.0, 5.0)
     sets = ConvexSets([Sector(rng.choice([rng.uniform(0.1, 1.5), np.pi]), radius, size)])
     tip, far = np.zeros((2, size))

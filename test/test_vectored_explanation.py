@@ -8,7 +8,7 @@ import pytest
 from ca_ros import TiltLimited, Vehicle, make_allocator
 from ca_ros.problem.limits import ALONE, BY_TILT, BY_TILT_RATE, TOGETHER
 from ca_ros.solver.convex_sets import ConvexSets, Interval, Sector
-from strategies import length
+from strategies import length, seeded
 from test_vectored import PROBLEMS, clarabel_minimum
 
 pytestmark = pytest.mark.slow
@@ -125,7 +125,7 @@ def check(answer, serve):
 @pytest.mark.parametrize('policy', ['prioritize', 'scale'])
 @pytest.mark.parametrize('name', [name for name in PROBLEMS if not name.startswith('random')])
 def test_each_gain_is_that_of_clarabel(name, policy):
-    problem, rng, count, skipped = PROBLEMS[name], np.random.default_rng(3), 0, 0
+    problem, rng, count, skipped = PROBLEMS[name], seeded(3), 0, 0
     given = {} if policy == 'scale' else {
         'order': [group for group in ORDER if group[0] in problem.axes],
         'axis_reversal': 'allow'}
@@ -138,7 +138,7 @@ def test_each_gain_is_that_of_clarabel(name, policy):
 
 
 def test_within_rates_the_rate_of_a_tilt_and_of_a_thrust_are_told_apart():
-    vehicle, rng = Vehicle.load('hexarotor_tilting'), np.random.default_rng(1)
+    vehicle, rng = Vehicle.load('hexarotor_tilting'), seeded(1)
     told, count = set(), 0
     exact = make_allocator('exact', vehicle, policy='scale')
     problem = exact.problem

@@ -8,7 +8,7 @@ import pytest
 
 from ca_ros import ALLOCATORS, Exact, ParameterError, Status, Vehicle, audit, make_allocator
 from ca_ros.allocation.reduced import allocator_for
-from strategies import length
+from strategies import length, seeded
 
 VEHICLES = ['quadrotor', 'hexarotor', 'hexarotor_ppnnpn', 'hexarotor_tilted', 'x8', 'tricopter']
 POLICIES = ['prioritize', 'scale', 'reject']
@@ -26,7 +26,7 @@ def losses(vehicle):
 @pytest.mark.parametrize('policy', POLICIES)
 @pytest.mark.parametrize('name', VEHICLES)
 def test_the_answers_are_those_of_the_node_to_the_last_bit(name, policy):
-    vehicle, rng = Vehicle.load(name), np.random.default_rng(7)
+    vehicle, rng = Vehicle.load(name), seeded(7)
     sound = Exact(vehicle, policy=policy)
     for lost in losses(vehicle):
         health = health_without(vehicle.n, *lost)
@@ -127,7 +127,7 @@ def test_a_lost_axis_is_served_last_whatever_the_order():
 @pytest.mark.parametrize('method', ['exact', 'pseudo_inverse', 'weighted_least_squares'])
 @pytest.mark.parametrize(('name', 'arm'), [('x8', (3, 4)), ('y6', (5, 6))])
 def test_an_arm_of_which_one_rotor_has_failed_is_one_effector(name, arm, method):
-    vehicle, rng = Vehicle.load(name), np.random.default_rng(3)
+    vehicle, rng = Vehicle.load(name), seeded(3)
     pair = [rotor - 1 for rotor in arm]
     half = np.where(np.isin(np.arange(vehicle.n), pair), 0.5, 1.0)
     sound = make_allocator(method, vehicle)
