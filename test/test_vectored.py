@@ -228,6 +228,15 @@ def test_scale_reaches_the_level_of_a_cone_program(name):
     assert np.max(dear, axis=0)[0] <= 1.0
 
 
+def test_lines_to_corners_are_as_long_as_their_planes_prove():
+    """At corners there are many normals, and rounding must not choose one that is none."""
+    problem, rng = PROBLEMS['hexarotor_tilting'], np.random.default_rng(0)
+    solver, begin = problem.program.least_norm, AdmissibleSet(problem).reference
+    for way in np.round(2.0 * rng.normal(size=(length(4000, 40_000), 6))) / 2.0:
+        line = solver.line(begin, problem.extent * way, 100.0)
+        assert abs(line.most - line.length) <= 1e-9 * line.length, way
+
+
 def test_scale_begins_at_the_middle_if_the_reference_is_a_corner():
     """From a corner most lines leave the set at once, and nothing would be served."""
     problem = AllocationProblem(np.eye(2), sets=[Sector(0.5, 2.0)])

@@ -14,7 +14,7 @@
 #define SHORT CA_CHOOSE(1e-6, 1e-3)     /* slope, as a share of y, whose sum loses digits */
 #define DAMPING CA_REAL(0.01) /* of steps for a line, so that they are not much longer than y */
 #define GROWTH 4 /* of the pull */
-#define GAP CA_CHOOSE(2e-10, 1e-4)      /* by which a line may be too short, as a share of it */
+#define GAP CA_CHOOSE(5e-10, 1e-4)      /* by which a line may be too short, as a share of it */
 #define PULL_MAX CA_CHOOSE(1e7, 1e3)    /* greatest weight of the length of a line */
 #define DISTANT CA_CHOOSE(1e140, 1e16) /* components, whose squares are finite */
 #define FAR CA_CHOOSE(1e20, 1e10) /* multipliers, in units of the greatest deviation, that say no more */
@@ -271,8 +271,8 @@ static void curvature(const ca_vectored *p, const iterate *at, ca_real h[CA_M][C
     }
 }
 
-/* Solve h way = slope; small pivots are raised. */
-static void solve(int m, ca_real h[CA_M][CA_M], const ca_real *slope, ca_real *way)
+/* Solve h way = slope; small pivots are raised, or the way does not go where they are. */
+static void solve(int m, ca_real h[CA_M][CA_M], const ca_real *slope, int raised, ca_real *way)
 {
     ca_real most = 0;
     for (int k = 0; k < m; k++)
@@ -290,6 +290,8 @@ static void solve(int m, ca_real h[CA_M][CA_M], const ca_real *slope, ca_real *w
             h[k][k] -= h[k][l] * scaled;
             way[k] -= h[k][l] * way[l];
         }
+        if (!raised && h[k][k] < floor)
+            way[k] = 0;
         h[k][k] = ca_max(h[k][k], floor);
     }
     for (int k = m - 1; k >= 0; k--) {
@@ -299,7 +301,7 @@ static void solve(int m, ca_real h[CA_M][CA_M], const ca_real *slope, ca_real *w
     }
 }
 
-/* The same for a way normal to e, a unit vector. */
+/* The same for a way normal to e, a unit vector; with `more` curvature small pivots are raised. */
 static void solve_beside(int m, ca_real h[CA_M][CA_M], const ca_real *e, const ca_real *slope,
                          ca_real more, ca_real *way)
 {
@@ -323,7 +325,7 @@ static void solve_beside(int m, ca_real h[CA_M][CA_M], const ca_real *e, const c
         }
         r++;
     }
-    solve(m - 1, less, gradient, part);
+    solve(m - 1, less, gradient, more > 0, part);
     way[q] = 0;
     for (int k = 0, r = 0; k < m; k++) {
         if (k == q)
@@ -383,7 +385,7 @@ static const iterate *newton(const ca_vectored *p, const goal *g, iterate pair[2
             solve_beside(m, h, g->e, now->slope,
                          DAMPING * ca_length(m, now->slope) / ca_length(m, now->y), way);
         else
-            solve(m, h, now->slope, way);
+            solve(m, h, now->slope, 1, way);
         const ca_real first = ca_dot(m, now->slope, way), limit = first / 2;
         const ca_real far = FAR * p->greatest, size = ca_length(m, way);
         const ca_real least = dual(p, g, now), slack = ROUNDING * ca_abs(least);
@@ -495,7 +497,7 @@ void ca_vectored_line(const ca_vectored *p, const ca_real *begin, const ca_real 
     for (int trial = 0; trial < PULLS; trial++) {
         g.tolerance = CA_EXACT_TOLERANCE * ca_max(p->greatest, pull / 1000);
         at = newton(p, &g, pair, answer);
-        ca_real left[CA_M], h[CA_M][CA_M], he[CA_M], tangent[CA_M];
+        ca_real left[CA_M], h[CA_M][CA_M], near[CA_M], turn[CA_M], tangent[CA_M];
         for (int k = 0; k < m; k++)
             left[k] = ca_dot(n, p->matrix[k], at->x) - begin[k];
         t = 0;
@@ -503,18 +505,22 @@ void ca_vectored_line(const ca_vectored *p, const ca_real *begin, const ca_real 
             t += ca_dot(m, p->coordinates[k], left) * e[k] / size;
         if (t >= end)
             break;
-        /* The path of the multipliers goes on along its tangent, which tends to the normal. */
+        /* The path of the multipliers goes on along its tangent, which tends to the normal. At a
+         * corner there are many: by turns the one nearest to the multipliers, or to the way. */
         curvature(p, at, h);
-        for (int k = 0; k < m; k++) {
-            he[k] = 0;
-            for (int l = 0; l < m; l++)
-                he[k] -= (l <= k ? h[k][l] : h[l][k]) * e[l];
-        }
-        solve_beside(m, h, e, he, 0, tangent);
+        const ca_real along = ca_dot(m, at->y, e);
         for (int k = 0; k < m; k++)
-            tangent[k] += e[k];
+            near[k] = trial % 2 ? e[k] : at->y[k] / along;
+        for (int k = 0; k < m; k++) {
+            turn[k] = 0;
+            for (int l = 0; l < m; l++)
+                turn[k] -= (l <= k ? h[k][l] : h[l][k]) * near[l];
+        }
+        solve_beside(m, h, e, turn, 0, tangent);
+        for (int k = 0; k < m; k++)
+            tangent[k] += near[k];
         bound(p, begin, tangent, size, answer);
-        bound(p, begin, at->y, size * ca_dot(m, at->y, e), answer);
+        bound(p, begin, at->y, size * along, answer);
         if (answer->most - t <= GAP * t || pull >= PULL_MAX * p->greatest)
             break;
         for (int k = 0; k < m; k++)

@@ -18,7 +18,7 @@ PULLS = 20  # limit of the pulls along one line
 GROWTH = 4.0  # of the pull
 PULL_MAX = 1e7  # in units of the greatest deviation
 FAR = 1e20  # multipliers, in units of the greatest deviation, that say no more
-GAP = 2e-10  # by which a line may be too short, as a share of it
+GAP = 5e-10  # by which a line may be too short, as a share of it
 
 
 class SetsSolution(NamedTuple):
@@ -117,7 +117,7 @@ class SetsNewton:
             return Line(point, end, end, normal)
         e, pull, bounds = y / size, self.greatest, list[tuple[float, Array]]()
         y = pull * e
-        for _ in range(PULLS):
+        for trial in range(PULLS):
             goal = TOLERANCE * max(self.greatest, pull / 1000.0)
             y = self._newton(begin, y, goal, e)[0]
             points, rate = self._at(y)
@@ -126,7 +126,9 @@ class SetsNewton:
                 found = self._solve(begin + end * way, y)
                 return Line(found[0], end, end, found[1])
             bend = self._curvature(rate)
-            tangent = e + _beside(bend, e, -bend @ e, 0.0)
+            # At a corner there are many: by turns that nearest to the multipliers, or to the way.
+            near = e if trial % 2 else y / (y @ e)
+            tangent = near + _beside(bend, e, -bend @ near, 0.0)
             for normal in (tangent @ self.coordinates, y @ self.coordinates):
                 most = float(self.sets.support(normal @ self.matrix) - normal @ begin)
                 bounds.append((most / float(normal @ way), normal))
@@ -243,17 +245,21 @@ class SetsNewton:
         return height - most > tolerance * float(np.linalg.norm(normal)) + rounding
 
 
-def _solved(bend: Array, slope: Array) -> Array:
-    """Return the way with ``bend way = slope``, with small curvatures raised."""
+def _solved(bend: Array, slope: Array, raised: bool = True) -> Array:
+    """Return the way with ``bend way = slope``.
+
+    Small curvatures are raised, or the way does not go where they are.
+    """
     values, axes = np.linalg.eigh(bend)
-    floor = np.maximum(values, FLAT * max(float(values[-1]), FLAT))
-    return np.asarray(axes @ (axes.T @ slope / floor), float)
+    floor = FLAT * max(float(values[-1]), FLAT)
+    along = np.where(raised | (values >= floor), axes.T @ slope, 0.0)
+    return np.asarray(axes @ (along / np.maximum(values, floor)), float)
 
 
 def _beside(bend: Array, e: Array, slope: Array, damping: float) -> Array:
-    """Return the same for a way normal to e, a unit vector."""
+    """Return the same for a way normal to e, a unit vector; damping raises small curvatures."""
     if len(e) == 1:
         return np.zeros(1)
     normal = np.linalg.svd(e[None])[2][1:]
     less = normal @ bend @ normal.T + damping * np.eye(len(normal))
-    return np.asarray(normal.T @ _solved(less, normal @ slope), float)
+    return np.asarray(normal.T @ _solved(less, normal @ slope, damping > 0.0), float)
