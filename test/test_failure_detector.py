@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -183,6 +184,29 @@ def test_the_health_that_is_announced_counts():
         detection.detector.health, without(8, rotor_1=0.0, rotor_4=0.0))
     detection.detector.reset()
     np.testing.assert_array_equal(detection.detector.health, without(8, rotor_1=0.0))
+
+
+@pytest.mark.parametrize(('vehicle', 'lost', 'stuck'), [
+    ('octorotor', {'rotor_3': 0.0}, {}), ('x8', {'rotor_1': 0.5}, {}),
+    ('hexarotor_tilting', {}, {2: 0.6})])
+def test_what_is_announced_in_flight_names_nobody_and_is_given_back(vehicle, lost, stuck):
+    case = Case.load(vehicle, [*REALISTIC, *SERVOS])
+    detection, n = case.detection('exact'), case.vehicle.n
+    reconfigure = partial(case.reconfiguration, 'exact')
+    pairs = [x for pair in stuck.items() for x in pair] or None
+    changes, seen = [], []
+    for time, health, servos in ((2.0, without(n, **lost), pairs), (3.0, np.ones(n), None)):
+        said = health, stuck if time < 3.0 else {}
+        changes += [
+            Change(round(time * 1e9), body=case.body(health, servos)),
+            Change(round((time + 0.03) * 1e9), announced=said, reconfigure=reconfigure)]
+    announce = detection.announce
+    detection.announce = lambda *said: (announce(*said), seen.append(detection.detector.health))
+    fly(case.controller(), case.allocator('exact'), case.plant(), UP, 4.0, changes=changes,
+        detection=detection)
+    assert detection.found == []
+    assert set(detection.detector.evidence) == {''}
+    np.testing.assert_array_equal(seen, [without(n, **lost), np.ones(n)])
 
 
 @pytest.mark.parametrize('vehicle', ['hexarotor', 'x8'])

@@ -100,6 +100,12 @@ def test_a_reset_gives_back_what_was_found_but_not_what_is_announced(graph):
     graph.spin_until(answer.done, 'reset')
     assert answer.result().success
     graph.spin_until(lambda: list(reports[-1].data) == [1, 1, 1, 1, 0.5, 1], 'as announced')
+    announced = graph.node.create_publisher(
+        Float64MultiArray, 'rotor_health/announced', STANDING)
+    for health in ([0, 1, 1, 1, 1, 1], [1, 1, 1, 1, 1, 1]):
+        announced.publish(health_message(*health))
+        told = [*health[:4], 0.5, 1]
+        graph.spin_until(lambda told=told: list(reports[-1].data) == told, 'what others announce')
     assert monitor.poll() is None
 
 

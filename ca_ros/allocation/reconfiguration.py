@@ -195,9 +195,9 @@ class Reconfiguration(Generic[Made]):
 
         Raises what `prepare` raises.
         """
-        before = self.in_force.built
+        before = self.in_force.audit
         self.apply(self.prepare(settings))
-        return self.in_force.built is not before
+        return self.in_force.audit is not before
 
     def _follow(self) -> bool:
         """Put the newest belief in force; if it cannot be made, say so in `fault`."""

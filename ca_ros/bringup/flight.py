@@ -20,7 +20,7 @@ from ca_ros.bringup.scenario import Scenario
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.fault_proxy import PREFIX
 from ca_ros.nodes.link_faults import LINK_NAMES
-from ca_ros.nodes.topics import SPEEDS
+from ca_ros.nodes.topics import ANNOUNCED_HEALTH, SPEEDS
 from ca_ros.parameter_files import DECLARED
 from ca_ros.process.diagnostics import Reports
 from ca_ros.process.processes import Deadline, Processes
@@ -129,7 +129,8 @@ class Session:
         recorder.samples.expect(vehicle.n, len(vehicle.servos))
         scenario = Scenario(
             recorder, trajectory, plan.failures, parameters['simulator'].get(FAILURES),
-            common['mode'], vehicle)
+            common['mode'], vehicle,
+            [name for name in ANNOUNCED_HEALTH.subscribers if name != 'monitor' or plan.detect])
         if plan.respawn and scenario.failures.failures:
             raise CaRosError(f'--respawn: not with {FAILURES}, since it restarts the flight')
         scenario.begin(self._spin)

@@ -1,7 +1,7 @@
 """What happens at given times of a flight: waypoints, rotor failures and their announcements."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 
 from ca_ros.bringup.options import FAILURES
@@ -26,6 +26,7 @@ class Scenario:
     are the same.  In real time each message is sent when it is due, and holds at once.
 
     - `failures`: those of the simulator, with the delay of the announcements that are planned
+    - `listeners`: the nodes that should hear announcements
 
     The recorder sends; `words` are the parameter `simulator.failures`, None if the simulator has
     none.  Raises a CaRosError if failures are planned that the simulator or the vehicle cannot
@@ -34,7 +35,7 @@ class Scenario:
 
     def __init__(
         self, recorder: Recorder, trajectory: Trajectory, planned: RotorFailures,
-        words: Sequence[str] | None, mode: str, vehicle: Vehicle,
+        words: Sequence[str] | None, mode: str, vehicle: Vehicle, listeners: Collection[str],
     ) -> None:
         self._recorder, self._trajectory = recorder, trajectory
         if words is None and planned.failures:
@@ -59,7 +60,7 @@ class Scenario:
                 f'{len(self._events)} waypoints and announcements after the start: expected up to '
                 f'{DEPTH} in lockstep'
             )
-        self._listeners = topics.ANNOUNCED_HEALTH.subscribers if failures.announced_times else ()
+        self._listeners = listeners if failures.announced_times else ()
 
     def begin(self, spin: Callable[[], None]) -> None:
         """Send what is sent before the flight; `spin` spins the node once.

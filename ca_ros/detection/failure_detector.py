@@ -1,5 +1,6 @@
 """Rotor failures that nobody announces, detected from the motion of a vehicle."""
 
+from collections.abc import Mapping
 from math import cos, hypot, sin
 from operator import gt, index
 
@@ -100,7 +101,7 @@ class FailureDetector:
     def health(self) -> Array:
         """The announced health, less what was found, (n,).
 
-        It does not grow until `reset`, but for that of a rotor of a named arm.
+        What was found holds until `reset`, but for a rotor of a named arm.
 
         A rotor whose servo sticks has none, if the vehicle can do without it.
         """
@@ -121,7 +122,8 @@ class FailureDetector:
         """Forget all failures, and what was learnt of the noise."""
         n = self.vehicle.n
         self._delivered, self._stuck = np.array(self.vehicle.health), np.zeros(n, bool)
-        self._rotors.vehicle = self.vehicle.with_health(1.0)
+        self._angles: dict[int, float] = {}
+        self._follow_servos()
         self._found: Array = np.zeros(n)
         self._probabilities: Array = NOBODY
         self.since: list[int | None] = [None] * n
@@ -165,10 +167,33 @@ class FailureDetector:
         }
         return {name: np.array(value, float) for name, value in numbers.items()}
 
-    def announce(self, health: Array) -> None:
-        """Take the announced health (n,); what was found before holds."""
-        self.vehicle = self.vehicle.with_health(health)
-        self._delivered = np.minimum(self._delivered, self.vehicle.health)
+    def announce(self, health: Array, stuck: Mapping[int, float] | None = None) -> None:
+        """Take what is announced, which replaces what was before; what was found holds.
+
+        - `health` (n,)
+        - `stuck`: the servos that stick: by rotor, from 1, the angle [rad]
+        """
+        before, servos = self._delivered, self.vehicle.servos
+        vehicle = self.vehicle.with_health(health)
+        if len(servos):
+            pairs = [x for pair in (stuck or {}).items() for x in pair]
+            vehicle = vehicle.with_stuck_servos(pairs or 0.0)
+        self.vehicle = vehicle
+        unfound = [since is None for since in self.since]
+        self._delivered = np.where(unfound, vehicle.health, np.minimum(before, vehicle.health))
+        moved = (vehicle.servos.lower != servos.lower) | (vehicle.servos.upper != servos.upper)
+        if moved.any():
+            self._follow_servos()
+        if moved.any() or not np.array_equal(self._delivered, before):
+            # When it failed is not known: the motion before shows nothing more.
+            self._windows.forget()
+
+    def _follow_servos(self) -> None:
+        """Let the servos that are announced, or found, to stick do so."""
+        vehicle = self.vehicle.with_health(1.0)
+        for rotor, angle in self._angles.items():
+            vehicle = vehicle.with_stuck_servo(rotor + 1, angle)
+        self._rotors.vehicle = vehicle
 
     def _begin(self) -> None:
         """Begin a flight: the windows reach back to now."""
@@ -403,7 +428,8 @@ class FailureDetector:
         ):
             lost = share * self._delivered[rotor]
             self._windows.explain(lost * self._windows.blocks[:, :, column])
-        self._rotors.vehicle = self._rotors.vehicle.with_stuck_servo(rotor + 1, angle)
+        self._angles[rotor] = angle
+        self._follow_servos()
         without = np.where(np.arange(first) == rotor, 0.0, self.health)
         self._stuck[rotor] = audit(self.vehicle.with_health(without)).sound
 

@@ -1,6 +1,7 @@
 """The detector of rotor failures in C, where it is built, and the choice between both."""
 
 import re
+from collections.abc import Mapping
 from os import environ
 from typing import Any
 
@@ -34,8 +35,8 @@ class KernelDetector:
         self.reset = self._kernel.reset
         self.interrupt = self._kernel.interrupt
 
-    def announce(self, health: Array) -> None:
-        """Take the announced health (n,); what was found before holds."""
+    def announce(self, health: Array, stuck: Mapping[int, float] | None = None) -> None:
+        """Take the announced health (n,), as `FailureDetector` does; there are no servos."""
         self.vehicle = self.vehicle.with_health(health)
         self._kernel.announce(np.array(self.vehicle.health))
 

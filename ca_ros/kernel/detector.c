@@ -905,9 +905,18 @@ int ca_detector_announce(ca_detector *detector, const ca_real *health)
 {
     if (!within(ROTORS(detector->model), health, 0, 1))
         return -1;
+    int changed = 0;
     for (int i = 0; i < ROTORS(detector->model); i++) {
+        const ca_real before = detector->health[i];
         detector->announced[i] = health[i];
-        detector->health[i] = ca_min(detector->health[i], health[i]);
+        detector->health[i] =
+            detector->evidence[i] == CA_NONE ? health[i] : ca_min(before, health[i]);
+        changed |= detector->health[i] < before || detector->health[i] > before;
+    }
+    if (changed) {
+        /* When it failed is not known: the motion before shows nothing more. */
+        forget(detector, 0);
+        memset(&detector->sums, 0, sizeof detector->sums);
     }
     return 0;
 }

@@ -129,7 +129,8 @@ void CA_SYMBOL(ca_detector_interrupt)(ca_detector *detector);
 /* The following functions return -1, and have changed nothing, if a number is not finite or out of
  * bounds. */
 
-/* Take the announced health, from 0 to 1; what was found before holds. Return 0. */
+/* Take the announced health, from 0 to 1, which replaces the one before; what was found holds.
+   Return 0. */
 int CA_SYMBOL(ca_detector_announce)(ca_detector *detector, const ca_real *health);
 #define ca_detector_announce CA_SYMBOL(ca_detector_announce)
 

@@ -77,8 +77,7 @@ class Belief:
         self._answer = answer
         create, topic = self._node.create_subscription, topics.ROTOR_HEALTH
         create(topic.kind, topic.name, self._receive_health, STANDING)
-        topic, quality = topics.ANNOUNCED_HEALTH, standing(self._parameters.mode.name)
-        create(topic.kind, topic.name, self._receive_announcement, quality)
+        self.heed_announcements()
         if not np.any(self._parameters.settings.rotors.speed_max_per_volt):
             return
         try:
@@ -89,6 +88,12 @@ class Belief:
             self._node.get_logger().warning(text)
             return
         streams.listen(BatteryState, topics.BATTERY, self._receive_battery)
+
+    def heed_announcements(self) -> None:
+        """Subscribe to what is announced."""
+        topic, quality = topics.ANNOUNCED_HEALTH, standing(self._parameters.mode.name)
+        self._node.create_subscription(
+            topic.kind, topic.name, self._receive_announcement, quality)
 
     def waits(self, time: int) -> bool:
         """Return whether the health for a state [ns] has still to come."""

@@ -68,6 +68,7 @@ class MonitorNode(Node):
             topic.kind, topic.name, standing(self._mode.name), event_callbacks=NO_EVENTS)
         self.streams.subscribe_commands(self._receive_command, len(self.detector.vehicle.servos))
         # Subscriptions are served in this order, so a restart comes before its state.
+        self.belief.heed_announcements()
         restart = topics.STATE_RESTART
         self.create_subscription(restart.kind, restart.name, self._receive_restart, COMMAND)
         self.streams.subscribe(topics.POSE, self._receive_pose)
@@ -84,11 +85,12 @@ class MonitorNode(Node):
 
     def _use(self) -> None:
         self.detector: Detector = self.belief.built
-        self.detector.announce(self.belief.audit.full.health)
+        now = self.belief.current.in_force
+        self.detector.announce(now.health, now.stuck)
         self._announced = True
 
     def _publish_announced(self) -> None:
-        """Publish what the parameters announce, after a change of them."""
+        """Publish what is announced, after a change of it."""
         if self._announced:
             self._announced = False
             self._publish(self._observed)
@@ -210,6 +212,8 @@ class MonitorNode(Node):
             return
         self.watchdog.feed()
         self._observed = time
+        # What is announced holds after the state of its stamp, as for those who answer this one.
+        self._mode.advance(time)
         if not self.detector.standing:
             self._lag_check.observe(time, motion[1], self.detector.health)
         if changed or each:
@@ -224,7 +228,7 @@ class MonitorNode(Node):
         self._health.publish(messages.fill_speeds(self._message, health, time))
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Forget all failures, but not those that the parameter announces."""
+        """Forget all failures, but not those that are announced."""
         self.detector.reset()
         self._publish(self._observed)
         response.success, response.message = True, 'all rotors are as announced'
@@ -232,7 +236,7 @@ class MonitorNode(Node):
 
 
 def _make(settings: Any, report: Audit, before: Detector | None) -> Detector:
-    # In flight what was found holds; the detector is told of the health (`announce`).
+    # In flight what was found holds; the detector is told of failures (`announce`).
     return make_detector(report.vehicle, settings.detector) if before is None else before
 
 

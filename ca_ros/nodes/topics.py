@@ -66,8 +66,8 @@ ROTOR_HEALTH = Topic(
     'rotor_health', Float64MultiArray, 'monitor', ('allocator', 'controller'), optional=True
 )
 ANNOUNCED_HEALTH = Topic(
-    'rotor_health/announced', Float64MultiArray, 'recorder', ('allocator', 'controller'),
-    optional=True,
+    'rotor_health/announced', Float64MultiArray, 'recorder',
+    ('allocator', 'controller', 'monitor'), optional=True,
 )
 MEASURED_SPEEDS = Topic('motor_speed/measured', Float64MultiArray, 'simulator', optional=True)
 SPEEDS = Topic('motor_speed', Float64MultiArray, 'simulator', stream=True)

@@ -98,6 +98,7 @@ class Detection:
 
     def __init__(self, detector: Detector, reconfigure: Reconfigure) -> None:
         self.detector, self._reconfigure = detector, reconfigure
+        self._health = detector.vehicle.health
         self.found: Found = []
 
     def observe(self, time: int, state: Array) -> list[Change]:
@@ -108,6 +109,10 @@ class Detection:
         found = self.detector.health, self.detector.failed_arms
         self.found.append((time, *found))
         return [Change(time, detected=found, reconfigure=self._reconfigure)]
+
+    def announce(self, health: Array, stuck: Mapping[int, float]) -> None:
+        """Take what is announced: see `Change.announced`."""
+        self.detector.announce(np.minimum(self._health, health), stuck)
 
     def command(self, time: int, command: Array) -> None:
         """Take the command (n + k,) [rad/s, rad] that answers the state of a time [ns]."""
@@ -155,6 +160,8 @@ def fly(
             due += detection.observe(now, state)
         for change in due:
             pilot.take(change)
+            if detection and change.announced is not None:
+                detection.announce(*change.announced)
             plant.body = change.body or plant.body
             waypoint = change.waypoint or waypoint
         velocity = velocity_in_body(state)
