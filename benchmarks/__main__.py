@@ -4,7 +4,7 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,8 +21,9 @@ from benchmarks.sizes import FULL, QUICK, Sizes
 from benchmarks.timing import summarize
 from ca_ros.errors import CaRosError
 from ca_ros.figures import save
+from ca_ros.parameter_files import load
+from ca_ros.settings import flat
 from ca_ros.studies.cases import Case, methods_of
-from ca_ros.studies.paper import of_the_paper
 from ca_ros.studies.result_files import machine, versions
 from ca_ros.studies.tables import listed
 
@@ -93,6 +94,14 @@ def run(options: argparse.Namespace, sizes: Sizes) -> tuple[pd.DataFrame, pd.Dat
     }
     about = {'paper': paper, 'facts': facts}
     return table, results, page(table, results, sizes, about)
+
+
+def of_the_paper(parameters: Mapping[str, Any]) -> bool:
+    """Return whether parameters are those of the paper's vehicle, with any method and gains."""
+    return all(
+        parameters.get(name) == value for name, value in flat(load('hexarotor')).items()
+        if name.startswith(('vehicle.', 'rotors.')) or name == 'allocation.axes'
+    )
 
 
 if __name__ == '__main__':

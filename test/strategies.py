@@ -332,3 +332,14 @@ def sixteen_rotors():
         'vehicle.mass': 4.0, 'vehicle.inertia': [0.1, 0.1, 0.2],
         'rotors.positions': positions.ravel().tolist(), 'rotors.axes': axes.ravel().tolist(),
         'rotors.spins': ['cw', 'ccw'] * 8, 'allocation.axes': list(AXES)}
+
+
+# Integration
+
+def rk4(derivative, state, step):
+    """Return the state after a step of the classical Runge-Kutta method, of order 4."""
+    k1 = derivative(state)
+    k2 = derivative(state + 0.5 * step * k1)
+    k3 = derivative(state + 0.5 * step * k2)
+    k4 = derivative(state + step * k3)
+    return state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)

@@ -24,8 +24,9 @@ from benchmarks.detection.plant import (
 )
 from benchmarks.detection.reallocation import acting, fly_on
 from ca_ros.simulation.drag import Drag
-from ca_ros.simulation.rigid_body import RigidBody, rk4
+from ca_ros.simulation.rigid_body import RigidBody
 from ca_ros.vehicle.state import rotation_matrix
+from strategies import rk4
 
 SETUP = Setup.load('x8')
 MODEL, N = SETUP.model, SETUP.vehicle.n

@@ -19,11 +19,11 @@ from ca_ros.simulation import closed_loop
 from ca_ros.simulation.drag import Drag
 from ca_ros.simulation.plant import Plant, body_of
 from ca_ros.simulation.record import Flight
-from ca_ros.simulation.rigid_body import RigidBody, euler, rk4
+from ca_ros.simulation.rigid_body import RigidBody, euler
 from ca_ros.vehicle.files import shipped_vehicles
 from ca_ros.vehicle.state import ATTITUDE, NULL_STATE
 from nodes import read
-from strategies import FLEET, build, length, ring
+from strategies import FLEET, build, length, ring, rk4
 
 mujoco = pytest.importorskip('mujoco')
 

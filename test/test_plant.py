@@ -15,12 +15,12 @@ from ca_ros.simulation.closed_loop import fly
 from ca_ros.simulation.drag import Drag, Wind
 from ca_ros.simulation.plant import Plant, body_of
 from ca_ros.simulation.plant_settings import PlantSettings
-from ca_ros.simulation.rigid_body import RigidBody, euler, rk4
+from ca_ros.simulation.rigid_body import RigidBody, euler
 from ca_ros.studies.cases import Case
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.motor_lag import lagged
 from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, NULL_STATE, POSITION, VELOCITY
-from strategies import EVERY_EFFECT, HEXAROTOR
+from strategies import EVERY_EFFECT, HEXAROTOR, rk4
 
 HOVER = np.full(6, np.sqrt(9.81 / (6 * 2.5e-5)))
 STOPPED = np.zeros(6)

@@ -29,15 +29,6 @@ def euler(derivative: Derivative, state: Array, step: float) -> Array:
     return state + step * derivative(state)
 
 
-def rk4(derivative: Derivative, state: Array, step: float) -> Array:
-    """Return the state after a step of the classical Runge-Kutta method, of order 4."""
-    k1 = derivative(state)
-    k2 = derivative(state + 0.5 * step * k1)
-    k3 = derivative(state + 0.5 * step * k2)
-    k4 = derivative(state + step * k3)
-    return state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-
-
 CALM: Array = np.zeros(3)
 
 class RigidBody:

@@ -1,12 +1,10 @@
-"""The tables of static.md: the paper's Table 1 beside ours, and the differences."""
+"""The tables of static.md, as Table 1 of the paper."""
 
 from collections.abc import Iterator, Mapping
-from math import hypot, sqrt
+from math import sqrt
 from typing import Any
 
-from ca_ros.studies import paper
 from ca_ros.studies.errors import ERRORS
-from ca_ros.studies.paper import ROWS
 from ca_ros.studies.tables import render, table
 from ca_ros.studies.wrench_metrics import cells
 from ca_ros.studies.wrench_sets import SAMPLINGS
@@ -21,8 +19,7 @@ def document(found: Metrics) -> str:
     return render(
         'static.md', **found, about=SAMPLINGS[found['sampling']],
         table=table(_titles(found), _rows(found)), beyond=beyond(found['methods']),
-        observations=[] if paper.applies(found) else list(_observations(found)),
-        differences=_differences(found) if paper.applies(found) else [],
+        observations=list(_observations(found)),
     )
 
 
@@ -45,7 +42,7 @@ def _titles(found: Metrics) -> list[str]:
 
 
 def _observations(found: Metrics) -> Iterator[str]:
-    """Yield a sentence about each method, for studies that are not the paper's."""
+    """Yield a sentence about each method."""
     for name, own in found['methods'].items():
         worst = ', '.join(f'{own[key]["max"]:.1e}{UNITS[key]}' for key in _errors(found))
         exact = own['status'].get('EXACT', 0)
@@ -53,70 +50,14 @@ def _observations(found: Metrics) -> Iterator[str]:
 
 
 def _rows(found: Metrics) -> list[list[str]]:
-    """Return the rows of the methods; the paper's rows are below ours."""
     rows = []
-    for name, ours in found['methods'].items():
-        pairs = [(ours[key]['mean'], ours[key]['max']) for key in (*_errors(found), 'time')]
-        rows.append(_row(f'`{name}`', ours['violations'], found['samples'], pairs))
-        if paper.applies(found) and name in ROWS:
-            row = ROWS[name]
-            pairs = [row.force_error, row.torque_error, row.time]
-            rows.append(_row(f'paper: {row.name}', row.violations, paper.SAMPLES, pairs))
+    for name, own in found['methods'].items():
+        hits, samples = own['violations'], found['samples']
+        error = f' ± {standard_error(hits, samples):.0f}' if hits else ''
+        pairs = [(own[key]['mean'], own[key]['max']) for key in (*_errors(found), 'time')]
+        cells = (f'{mean:.1e} / {most:.1e}' for mean, most in pairs)
+        rows.append([f'`{name}`', f'{hits}{error} of {samples}', *cells])
     return rows
-
-
-def _row(name: str, hits: int, samples: int, pairs: list[tuple[float, float]]) -> list[str]:
-    error = f' ± {standard_error(hits, samples):.0f}' if hits else ''
-    return [name, f'{hits}{error} of {samples}', *(f'{a:.1e} / {b:.1e}' for a, b in pairs)]
-
-
-def _differences(found: Metrics) -> list[str]:
-    """Return how the rows of the paper's methods differ from the paper's, one item each."""
-    known = {name: ours for name, ours in found['methods'].items() if name in ROWS}
-    lines = []
-    for name, ours in known.items():
-        compared = [_compare_counts(ours['violations'], found['samples'], ROWS[name].violations)]
-        for key in _errors(found):
-            mean, largest = map(_compare, ours[key].values(), getattr(ROWS[name], key))
-            compared.append(f'{key.replace("_", " ")} {mean} on average, {largest} at most')
-        lines.append(f'`{name}`: {"; ".join(compared)}. {paper.why(found, name)}')
-    if found['samples'] > paper.SAMPLES:
-        lines.append(
-            f'Of {found["samples"]} errors the largest exceeds that of {paper.SAMPLES}, the '
-            "paper's number."
-        )
-    if base := known.pop('pseudo_inverse', None):
-        unit = ROWS['pseudo_inverse'].time[0]
-        ratios = ', '.join(
-            f'`{name}` {ours["time"]["median"] / base["time"]["median"]:.2g} '
-            f'(paper {ROWS[name].time[0] / unit:.0f})' for name, ours in known.items()
-        )
-        lines.append(
-            'Times: another machine and another language, so compare ratios. In units of the '
-            f"pseudo-inverse's time (our medians, the paper's means): {ratios}."
-        )
-    return lines
-
-
-def _compare_counts(ours: int, samples: int, theirs: int) -> str:
-    size = paper.SAMPLES
-    if ours == theirs == 0:
-        return f'no violation in both, so fewer than 1 in {samples // 3 or 1} (95 %)'
-    error = hypot(standard_error(ours, samples) / samples, standard_error(theirs, size) / size)
-    gap = ours / samples - theirs / size
-    return (
-        f'{100.0 * ours / samples:.1f} % violations, {100.0 * theirs / size:.1f} % in the paper, '
-        f'{abs(gap) / error if error else float("inf"):.1f} standard errors apart'
-    )
-
-
-def _compare(ours: float, theirs: float) -> str:
-    ratio = ours / theirs
-    if 0.85 < ratio < 1.15:
-        return 'as in the paper'
-    if ratio > 0.01:
-        return f"{ratio:.2g} times the paper's"
-    return f'{1.0 / ratio if ratio else float("inf"):.0e} times smaller'
 
 
 def standard_error(hits: int, samples: int) -> float:
