@@ -26,6 +26,7 @@ LAG_MAX, DELAY_MAX = 0.3, 0.15  # greatest lag and delay that are tried [s]
 GRID = 9  # values of lag and of delay from which the search begins
 BLOCK = 2.0  # length of the blocks of the bootstrap and of cross-validation [s]
 RATIO_MAX = 20.0  # greatest factor by which a first guess of the inertia may be wrong
+DAMPING_MAX = 10.0  # greatest rate at which air damps or drives a rotation [1/s]
 NEAR = 5  # lags and delays about the best, from which each resample chooses
 EXCITED = 1e-6  # least variance of a side of the fit
 AXES = 'roll', 'pitch', 'yaw', 'thrust'
@@ -74,9 +75,13 @@ class FlightSides:
             self._up = self._filtered(acc[:, 2])
 
     def refine(self, ratios: Array) -> None:
-        """Take the ratios (3,) of a first fit into the gyroscopic torque."""
+        """Take the ratios (2,) of roll and pitch of a first fit into the gyroscopic torque.
+
+        That of yaw is as wrong as the torque coefficient may be.
+        """
         likely = np.where((ratios > 1.0 / RATIO_MAX) & (ratios < RATIO_MAX), ratios, 1.0)
-        self._turning = self._inertia / np.sqrt(np.outer(likely, likely))
+        likely = np.sqrt([*likely, likely.prod() ** 0.5])
+        self._turning = self._inertia / np.outer(likely, likely)
 
     def _filtered(self, values: Array) -> Array:
         return sosfilt(self._filter, values - values[:1], axis=0)[self._begin :]
@@ -139,11 +144,30 @@ def solve(sums: Array) -> tuple[Array, float]:
             own[0] = np.nan
             continue
         there = np.flatnonzero(np.diag(products)[:3] > EXCITED)
-        own[there] = np.linalg.lstsq(
-            products[np.ix_(there, there)], products[there, 3], rcond=None)[0]
+        for sides in there, there[there != 2]:
+            own[:3] = 0.0
+            own[sides] = np.linalg.lstsq(
+                products[np.ix_(sides, sides)], products[sides, 3], rcond=None)[0]
+            if abs(own[2]) <= DAMPING_MAX:
+                break
         left = own @ products @ own
         error += np.log(max(left / products[3, 3], 1e-12))
     return factors, error
+
+
+def fitted(flights: Sequence[FlightSides], lag: float, delay: float) -> tuple[Array, float]:
+    """Return the factors (4, 4) and the error of all flights; see `solve`."""
+    return solve(np.sum([flight.products(lag, delay).sum(axis=0) for flight in flights], axis=0))
+
+
+def refine(flights: Sequence[FlightSides], lag: float, delay: float) -> None:
+    """Take the fitted inertia into the gyroscopic torques, if this lessens the error."""
+    factors, error = fitted(flights, lag, delay)
+    for ratios in factors[:2, 0], np.ones(2):
+        for flight in flights:
+            flight.refine(ratios)
+        if fitted(flights, lag, delay)[1] < error:
+            return
 
 
 def best_lag(
@@ -154,8 +178,7 @@ def best_lag(
         lag, delay = point
         if not (0.0 <= lag <= LAG_MAX and 0.0 <= delay <= DELAY_MAX):
             return np.inf
-        sums = sum(flight.products(lag, delay).sum(axis=0) for flight in flights)
-        return solve(np.asarray(sums))[1]
+        return fitted(flights, lag, delay)[1]
 
     if first is None:
         squares = np.linspace(0.0, 1.0, GRID) ** 2

@@ -13,7 +13,7 @@ from ca_ros.vehicle.flight_fit import (
     FlightSides,
     Products,
     best_lag,
-    solve,
+    refine,
     unseen,
 )
 from ca_ros.vehicle.formats.recording import Recording
@@ -112,11 +112,8 @@ def identify(
     if (blocks := sum(flight.blocks for flight in flights)) < BLOCKS_MIN:
         what = f'expected {BLOCKS_MIN} or more'
         raise ParameterError(f'{blocks} blocks of {BLOCK:g} s of flight: {what}')
-    # The gyroscopic torque is first that of the guess.
     first = best_lag(flights)
-    factors, _ = solve(np.sum([flight.products(*first).sum(axis=0) for flight in flights], axis=0))
-    for flight in flights:
-        flight.refine(factors[:3, 0])
+    refine(flights, *first)
     best = best_lag(flights, first)
     table = Products.of(flights, best)
     rng = np.random.default_rng(seed)
