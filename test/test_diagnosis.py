@@ -12,7 +12,7 @@ from ca_ros.problem.diagnosis import diagnose
 from ca_ros.px4 import parameters
 from ca_ros.vehicle.files import shipped_tilting, shipped_vehicles
 from ca_ros.vehicle.formats.mixers import MOTORS, ardupilot, betaflight, mixer
-from strategies import QUAD_X, build, ring
+from strategies import QUAD_X, build, length, ring
 
 SOUND = sorted(shipped_vehicles() | shipped_tilting())
 SYMMETRIC = ['quadrotor', 'hexarotor', 'hexarotor_tilted', 'octorotor', 'x8', 'y6']
@@ -42,9 +42,11 @@ def slips(vehicle):
                     arm = vehicle.arms[i].copy()
                     arm[axis] = new
                     yield 'position', i + 1, changed(vehicle, 'arms', i, arm)
-    for shift in ([0.05, 0, 0], [-0.05, 0, 0], [0, 0.05, 0], [0, -0.05, 0]):
-        yield 'centre', 0, replace(vehicle, arms=vehicle.arms - shift)
-    yield 'units', 0, replace(vehicle, arms=1000.0 * vehicle.arms)
+    longest = np.linalg.norm(vehicle.arms, axis=1).max()
+    for shift in ([0.12, 0, 0], [-0.12, 0, 0], [0, 0.12, 0], [0, -0.12, 0]):
+        yield 'centre', 0, replace(vehicle, arms=vehicle.arms - longest * np.array(shift))
+    for unit in 100.0, 1000.0:
+        yield 'units', 0, replace(vehicle, arms=unit * vehicle.arms)
     if (vehicle.rotor_axes[:, 2] > 0.999).all():
         # Tilted rotors give a yaw torque without their drag.
         yield 'spins', 1, replace(vehicle, spins=np.ones(vehicle.n))
@@ -73,6 +75,61 @@ def test_each_slip_is_named_with_its_rotor(name):
         if kind == 'spin' and alone:
             beside = np.linalg.norm((vehicle.arms - vehicle.arms[rotor - 1])[:, :2], axis=1) < 0.01
             assert named[0].rotors == tuple(np.flatnonzero(beside) + 1)
+
+
+def sound(rng):
+    """Yield vehicles that fly, with an irregularity that builders choose."""
+    def made(places, spins, **values):
+        count = len(places)
+        strength = values.pop('strength', 1.0) * np.ones(count)
+        arms = np.column_stack([places, np.zeros(count)]) - np.array(values.pop('centre', 0.0))
+        return Vehicle(
+            mass=1.5, positions=arms, spins=[{'P': 'cw', 'N': 'ccw'}[each] for each in spins],
+            thrust_coefficient=1e-5 * strength, torque_coefficient=2e-7 * strength, speed_min=50.0,
+            speed_max=1000.0)
+
+    def uniform(low, high, *size):
+        return rng.uniform(low, high, size or None)
+
+    front, rear, side = uniform(0.2, 0.4, 3)
+    plus = [(front, 0), (0, side), (-rear, 0), (0, -side)]
+    yield 'plus with unequal arms', made(plus, 'PNPN')
+    yield 'a longer front arm', made([(uniform(0.2, 0.4), 0), (0, 0.25), (-0.25, 0), (0, -0.25)],
+                                     'PNPN')
+    x, y = uniform(0.15, 0.3, 2, 2)
+    corners = [(x[0], y[0]), (-x[1], y[1]), (-x[1], -y[1]), (x[0], -y[0])]
+    yield 'trapezoid', made(corners, 'PNPN', centre=[(x[0] - x[1]) / 2.0, 0, 0])
+    near = [(0.2, 0.2), (-0.2, 0.2 * uniform(0.9, 1.1)), (-0.2, -0.2), (0.2, -0.2)]
+    yield 'nearly a rectangle', made(near, 'PNPN', centre=[uniform(-0.02, 0.02), 0, 0])
+    crooked = np.array(corners) + rng.normal(0, 0.03, (4, 2))
+    yield 'crooked', made(crooked - crooked.mean(axis=0), 'PNPN')
+    y4 = [(x[0], y[0]), (x[0], -y[0]), (-x[1], 0), (-x[1], 0)]
+    yield 'y4, a weaker lower rotor', made(y4, 'PNPN', strength=[1, 1, 1, uniform(0.6, 1.0)])
+    yield 'y4, another tail', made(y4, 'PNNP', strength=[1, 1, *uniform(0.75, 1.3, 2)])
+    angles = np.arange(6) * np.pi / 3
+    six = np.column_stack([np.cos(angles), np.sin(angles)]) * uniform(0.3, 0.5, 6, 1)
+    yield 'hexarotor with unequal arms', made(six, 'PNPNPN')
+    yield 'measured coefficients', made(ring(6)[:, :2], 'PNPNPN', strength=uniform(0.92, 1.08, 6))
+    yield 'a battery in front', made(ring(6)[:, :2], 'PPNNPN', centre=[uniform(-0.03, 0.03), 0, 0])
+    yield 'five', made(np.column_stack([np.cos(np.arange(5) * 0.4 * np.pi + 0.1 * rng.normal()),
+                                        np.sin(np.arange(5) * 0.4 * np.pi)]) * 0.4, 'PNPNP')
+    eight = ring(8)[:, :2] * uniform(0.8, 1.2, 8, 1)
+    yield 'octorotor with unequal arms', made(eight, 'PNPNPNPN')
+
+
+def test_sound_vehicles_with_irregularities_are_not_named():
+    rng = np.random.default_rng(0)
+    named = [(name, each.text) for _ in range(length(20, 200)) for name, vehicle in sound(rng)
+             for each in diagnose(vehicle)]
+    assert named == []
+
+
+def test_exchanged_rotors_of_a_quadrotor_are_named():
+    vehicle = Vehicle.load('quadrotor')
+    [cause] = diagnose(replace(vehicle, spins=vehicle.spins[[1, 0, 2, 3]]))
+    assert cause.kind == 'order'
+    assert {1, 2} <= {*cause.rotors}
+    assert ' 1 and 2' in cause.text
 
 
 def test_the_shift_of_the_centre_of_mass_is_that_of_the_slip():

@@ -27,16 +27,24 @@ ROUNDED = 1e-8, 2e-3
 With more digits `residual_slack` makes up for the difference.
 """
 
-ARM_MAX = 20.0
-"""Arm of a vehicle of 1 kg above which the lengths seem to be in millimetres [m].
+ARM = 0.3  # usual arm of a vehicle of 1 kg [m]; arms grow with the cube root of the mass
+ARM_MAX = 4.0
+"""Arm of a vehicle of 1 kg above which the lengths seem not to be in metres [m].
 
-The largest multirotors have arms of this length; arms grow with the cube root of the mass.
+The human-powered helicopters with four rotors, of 120 kg with their pilots, have arms of 15 m.
 """
+UNITS = {'centimetres': 0.01, 'millimetres': 0.001}
 
 
-def too_far(length: float, mass: float) -> bool:
-    """Tell whether a length of a vehicle seems to be in millimetres [m], given its mass [kg]."""
-    return length > ARM_MAX * max(1.0, abs(mass) ** (1.0 / 3.0))
+def likely_unit(length: float, mass: float) -> str:
+    """Return the unit in which a length of a vehicle seems to be given; empty: metres, as it is.
+
+    The length [m] is judged by the mass [kg].
+    """
+    size = max(1.0, abs(mass) ** (1.0 / 3.0))
+    if length <= ARM_MAX * size:
+        return ''
+    return min(UNITS, key=lambda unit: abs(np.log(length * UNITS[unit] / (ARM * size))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,10 +256,10 @@ class VehicleAudit(Audit):
         """What is probably a slip in the vehicle's file; it refuses no vehicle."""
         vehicle, found = self.full.vehicle, []
         arm = float(np.linalg.norm(vehicle.arms, axis=1).max())
-        if too_far(arm, vehicle.mass):
+        if unit := likely_unit(arm, vehicle.mass):
             found.append(
                 f'an arm of {arm:.4g} m for {vehicle.mass:.4g} kg: are positions and '
-                'center_of_mass in millimetres instead of metres?'
+                f'center_of_mass in {unit} instead of metres?'
             )
         if angle := self._angle_of_facets():
             found.append(

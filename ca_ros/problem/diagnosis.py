@@ -1,24 +1,34 @@
 """What is probably wrong in the file of a vehicle: slips that one change would explain.
 
-Multirotors are symmetric: a reflection that exchanges the senses of rotation, or a rotation that
-keeps them, maps the rotors to each other.  A slip in one rotor breaks all of these symmetries, a
-shifted centre of mass some of them, and one change restores them.  The changes that restore the
-most are the explanation.  A vehicle that is not symmetric after any of the changes gets none.
+Most multirotors are symmetric: a reflection that exchanges the senses of rotation, or a rotation
+that keeps them, maps the rotors to each other.  A slip in one rotor breaks all of these
+symmetries, a shifted centre of mass some of them, and one change restores them.  The changes that
+restore the most are the explanation.
+
+Sound vehicles may lack symmetry, too.  So the changes are only those that undo what people write
+by mistake: a sign, a missing number, a point at another digit, x and y exchanged, a sense of
+rotation that leaves more rotors of one sense, a thrust far from that of the others, or a centre of
+mass far from that of the rotors.  All else gets no explanation.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.problem.audit import audit, too_far
+from ca_ros.problem.audit import audit, likely_unit
 from ca_ros.vehicle.vehicle import Vehicle
 
 SAME_PLACE = 0.03  # distance of a rotor from the image of another, as a share of the longest arm
 SAME_AXIS = 0.05  # the same for axes of rotors, unit vectors
-SAME_THRUST = 0.1  # relative difference between the greatest thrusts of two rotors
-SHIFT_MIN = 0.05  # least shift of the centre of mass that is told, as a share of the longest arm
+SAME_THRUST = 0.25  # difference of greatest thrusts of two rotors, as measured, as a share
+WEAK = 0.7  # least thrust of a sound rotor over that of the others; greatest: 1 / WEAK
+COAXIAL_WEAK = 0.55  # the same in the wake of another rotor
+SLIP_MIN = 0.2  # least distance by which a slip moves a rotor, as a share of the longest arm
+SHIFT_MIN = 0.1  # least shift of the centre of mass that is told, as a share of the longest arm
+EXCHANGES_MAX = 8  # rotors of a vehicle up to which exchanges are tried
 UPWARDS = 0.5  # least z of the axis of a rotor that points upwards
 TURN_MIN = 0.3  # least rotation that maps a rotor to another [rad]; of a ring of 12 it is 0.52
 ROTORS_MIN = 4  # with fewer rotors, any two changes would explain a third
@@ -28,7 +38,7 @@ ROTORS_MIN = 4  # with fewer rotors, any two changes would explain a third
 class Cause:
     """A slip that explains what is wrong.
 
-    - `kind`: 'spin', 'position', 'thrust', 'centre', 'axis', 'spins' or 'units'
+    - `kind`: 'spin', 'position', 'thrust', 'centre', 'axis', 'spins', 'order' or 'units'
     - `rotors`: the rotors of which one has the slip, counted from 1; empty if it is not a rotor's
     - `text`: what is wrong and what would be right, in words
     """
@@ -65,10 +75,10 @@ def diagnose(vehicle: Vehicle) -> tuple[Cause, ...]:
     """
     vehicle = vehicle.with_health(1.0)
     arm = float(np.linalg.norm(vehicle.arms, axis=1).max())
-    if too_far(arm, vehicle.mass):
+    if unit := likely_unit(arm, vehicle.mass):
         return (Cause('units', (), (
             f'an arm of {arm:.4g} m for {vehicle.mass:.4g} kg: positions look like '
-            'millimetres instead of metres')),)
+            f'{unit} instead of metres')),)
     if len(vehicle.servos):
         return ()
     up = vehicle.rotor_axes[:, 2]
@@ -79,11 +89,30 @@ def diagnose(vehicle: Vehicle) -> tuple[Cause, ...]:
             f'rotor {rotor} points down and all others up: its axis has the wrong sign')),)
     if not (up > UPWARDS).all():
         return ()
-    if abs(vehicle.spins.sum()) == vehicle.n >= ROTORS_MIN and 'yaw' in audit(vehicle).lost:
+    if vehicle.n < ROTORS_MIN:
+        return ()
+    yaw_lost = 'yaw' in audit(vehicle).lost
+    if yaw_lost and abs(vehicle.spins.sum()) == vehicle.n:
         return (Cause('spins', tuple(range(1, vehicle.n + 1)), (
             'all rotors turn the same way, so nothing gives a yaw torque against their drag: '
             'half of them turn the other way')),)
-    return _broken_symmetry(vehicle) if vehicle.n >= ROTORS_MIN else ()
+    return _broken_symmetry(vehicle) or (_exchanged(vehicle) if yaw_lost else ())
+
+
+def _exchanged(vehicle: Vehicle) -> tuple[Cause, ...]:
+    """Return that two rotors are exchanged, if no axis is lost after one exchange."""
+    clockwise, others = (np.flatnonzero(vehicle.spins == sense).tolist() for sense in (1, -1))
+    pairs = []
+    for i, j in product(clockwise, others) if vehicle.n <= EXCHANGES_MAX else ():
+        spins = vehicle.spins.copy()
+        spins[[i, j]] *= -1.0
+        if not audit(replace(vehicle, spins=spins)).lost:
+            pairs.append((min(i, j) + 1, max(i, j) + 1))
+    if not pairs:
+        return ()
+    names = ', or '.join(f'{i} and {j}' for i, j in sorted(pairs))
+    return (Cause('order', tuple(sorted({rotor for pair in pairs for rotor in pair})), (
+        f'no yaw torque is left: the rotors {names} are exchanged, or both turn the wrong way')),)
 
 
 def _broken_symmetry(vehicle: Vehicle) -> tuple[Cause, ...]:
@@ -136,25 +165,34 @@ def _shifts(layout: _Layout) -> Iterator[tuple[str, int, str, _Layout]]:
 def _changes(layout: _Layout) -> Iterator[tuple[str, int, str, _Layout]]:
     """Yield kind, rotor from 1 on, words and layout of each change of a rotor."""
     longest = float(np.linalg.norm(layout.places, axis=1).max())
-    usual = float(np.median(layout.thrusts))
-    coordinates = np.unique(np.round(np.concatenate([layout.places, -layout.places]), 6), axis=0)
-    for i in range(len(layout.places)):
-        yield 'spin', i + 1, f'rotor {i + 1} turns the wrong way: flip its spin', layout.changed(
-            i, spins=-layout.spins[i])
+    usual, balance = float(np.median(layout.thrusts)), abs(layout.spins.sum())
+    sizes = np.unique(np.round(np.abs(layout.places), 6))
+    for i, place in enumerate(layout.places):
+        flipped = layout.changed(i, spins=-layout.spins[i])
+        if abs(flipped.spins.sum()) < balance:
+            yield 'spin', i + 1, f'rotor {i + 1} turns the wrong way: flip its spin', flipped
         ratio = layout.thrusts[i] / usual
-        if abs(ratio - 1.0) > SAME_THRUST:
+        beside = np.linalg.norm(layout.places - place, axis=1) < SAME_PLACE * longest
+        weak = COAXIAL_WEAK if beside.sum() > 1 else WEAK
+        if not weak < ratio < 1.0 / WEAK:
             text = f'rotor {i + 1} gives {ratio:.2g} times the thrust of the others'
             yield 'thrust', i + 1, text, layout.changed(i, thrusts=usual)
-        x, y = layout.places[i].tolist()
-        others = [(value, y, 'x', x) for value in np.unique(coordinates[:, 0]).tolist()]
-        others += [(x, value, 'y', y) for value in np.unique(coordinates[:, 1]).tolist()]
-        for new_x, new_y, axis, old in others:
-            new = new_x if axis == 'x' else new_y
-            if abs(new - old) > SAME_PLACE * longest:
-                text = (
-                    f'rotor {i + 1}: {axis} is {old:.4g} m from the centre of mass, where '
-                    f'{new:.4g} m would fit the other rotors')
-                yield 'position', i + 1, text, layout.changed(i, places=np.array([new_x, new_y]))
+        moves = [(place[::-1], 'x and y are exchanged')]
+        for axis, name in enumerate('xy'):
+            old = float(place[axis])
+            others = [-old, 10.0 * old, 0.1 * old] if old else [*sizes, *-sizes]
+            for new in others:
+                moved = place.copy()
+                moved[axis] = new
+                moves.append((moved, (
+                    f'{name} is {old:.4g} m from the centre of mass, where {new:.4g} m would fit '
+                    'the other rotors')))
+        for moved, words in moves:
+            changed = layout.changed(i, places=moved)
+            # What is right lies about the centre of mass.
+            beside = float(np.linalg.norm(changed.places.mean(axis=0)))
+            if np.linalg.norm(moved - place) > SLIP_MIN * longest and beside < SHIFT_MIN * longest:
+                yield 'position', i + 1, f'rotor {i + 1}: {words}', changed
 
 
 def _symmetries(layout: _Layout) -> int:

@@ -36,7 +36,7 @@ from ca_ros.arguments import (
     rotor_rows,
 )
 from ca_ros.input_files import read_text
-from ca_ros.problem.audit import too_far
+from ca_ros.problem.audit import UNITS, likely_unit
 from ca_ros.problem.diagnosis import diagnose
 from ca_ros.vehicle.files import flatten, read_yaml
 from ca_ros.vehicle.parameter_text import parameter_text
@@ -119,10 +119,10 @@ def read(text: str) -> dict[str, float]:
 
 def _check_size(farthest: float, mass: float) -> None:
     """Raise a ValueError if a rotor is too far away [m] for the mass [kg]."""
-    if too_far(farthest, mass):
+    if unit := likely_unit(farthest, mass):
         raise ValueError(
             f'a rotor is {farthest:g} m from the centre of mass of {mass:g} kg: positions look '
-            'like millimetres; --length 0.001 takes them for such'
+            f'like {unit}; --length {UNITS[unit]:g} takes them for such'
         )
 
 
