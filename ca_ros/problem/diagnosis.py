@@ -91,7 +91,7 @@ def diagnose(vehicle: Vehicle) -> tuple[Cause, ...]:
         return ()
     if vehicle.n < ROTORS_MIN:
         return ()
-    yaw_lost = 'yaw' in audit(vehicle).lost
+    yaw_lost = 'yaw' not in audit(vehicle).independent.axes
     if yaw_lost and abs(vehicle.spins.sum()) == vehicle.n:
         return (Cause('spins', tuple(range(1, vehicle.n + 1)), (
             'all rotors turn the same way, so nothing gives a yaw torque against their drag: '
@@ -177,7 +177,8 @@ def _changes(layout: _Layout) -> Iterator[tuple[str, int, str, _Layout]]:
         if not weak < ratio < 1.0 / WEAK:
             text = f'rotor {i + 1} gives {ratio:.2g} times the thrust of the others'
             yield 'thrust', i + 1, text, layout.changed(i, thrusts=usual)
-        moves = [(place[::-1], 'x and y are exchanged')]
+        # In our frame, and in one with y to the right.
+        moves = [(sign * place[::-1], 'x and y are exchanged') for sign in (1.0, -1.0)]
         for axis, name in enumerate('xy'):
             old = float(place[axis])
             others = [-old, 10.0 * old, 0.1 * old] if old else [*sizes, *-sizes]
