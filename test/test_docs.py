@@ -189,7 +189,7 @@ def test_what_is_left_to_ci_is_done_there():
             if block.mark == 'run by .ci/run':
                 for line in block.text.splitlines():
                     command = line.partition('#')[0].strip()
-                    line = rf'^{re.escape(command)}( \|\|)?$'
+                    line = rf'^ *{re.escape(command)}( \|\|)?$'
                     assert re.search(line, script, re.MULTILINE), command
 
 
