@@ -21,6 +21,8 @@ from ca_ros.allocation import (
 )
 from ca_ros.allocation.slew import SlewLimited
 from ca_ros.allocation.tilt_rates import TiltLimited
+from ca_ros.detection.failure_detector import FailureDetector
+from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.errors import CaRosError
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.audit import Audit, audit
@@ -32,10 +34,12 @@ from ca_ros.vehicle.vehicle import Vehicle
 __all__ = [
     'ALLOCATORS', 'AdmissibleSet', 'Allocation', 'AllocationBatch', 'AllocationProblem',
     'Allocator', 'Audit', 'BetaflightMixer', 'CaRosError', 'Conventional', 'Direct', 'Exact',
-    'Interval', 'Osqp', 'ParameterError', 'PseudoInverse', 'RedistributedPseudoInverse', 'Sector',
+    'FailureDetector', 'Interval', 'Osqp', 'ParameterError', 'PseudoInverse',
+    'RedistributedPseudoInverse', 'Sector',
     'SequentialDesaturation', 'Settings', 'SlewLimited', 'Status', 'TiltLimited',
     'Vehicle', 'WeightedLeastSquares', 'WeightedPseudoInverse', 'audit',
-    'control_allocation_matrix', 'make_allocator', 'setting',
+    'control_allocation_matrix', 'make_allocator', 'make_detector',
+    'setting',
 ]  # fmt: skip
 
 

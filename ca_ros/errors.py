@@ -1,5 +1,7 @@
 """The base class of the package's errors, and their messages."""
 
+from collections.abc import Iterable
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,21 @@ def message(error: Exception, file: str | Path | None = None) -> str:
     text = getattr(error, 'strerror', None) or str(error)
     name = getattr(error, 'filename', None) or file
     return f'{name}: {text}' if name else text
+
+
+def suggestion(word: Any, known: Iterable[str]) -> str:
+    """Return a question for the known word that is most like a wrong one; '' if none is.
+
+    A word may also stand for the first letters of the parts of another: wls.
+    """
+    if not isinstance(word, str):
+        return ''
+    given = word.lower().replace('-', '_')
+    words = {each.lower(): each for each in known}
+    short = [each for each in words if ''.join(part[:1] for part in each.split('_')) == given]
+    near = get_close_matches(given, words, 1) or short or [
+        each for each in words if given in (each.replace('_', ''), each.replace('_', '')[:-1])]
+    return f'; did you mean {words[near[0]]}?' if near else ''
 
 
 def shortened(value: Any) -> str:

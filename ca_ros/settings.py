@@ -24,7 +24,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.errors import CaRosError, shortened
+from ca_ros.errors import CaRosError, shortened, suggestion
 
 Numbers = Annotated[ArrayLike, float]  # the type of a setting that is one number or several
 Words = Annotated[Sequence[str], str]  # the type of a setting that is several words
@@ -141,6 +141,31 @@ class Settings:
 
 
 S = TypeVar('S', bound=Settings)
+
+
+def settings_of(
+    owner: type, kind: type[S], settings: S | None, given: Mapping[str, Any]
+) -> S:
+    """Return the settings of a class that takes one object of `kind`, or them by keyword.
+
+    Raises a TypeError if there is no such setting, or both or something else is given.
+    """
+    known = list(kind.__dataclass_fields__)
+    names = ', '.join(known) or 'none'
+    if wrong := [name for name in given if name not in known]:
+        hint = suggestion(wrong[0], known)
+        raise TypeError(f'{owner.__name__} has no setting {wrong[0]}{hint} (settings: {names})')
+    if settings is None:
+        return kind(**given)
+    if given or not isinstance(settings, kind):
+        found = f'{settings!r} and {", ".join(given)}' if given else repr(settings)
+        raise TypeError(
+            f'{owner.__name__} takes settings by keyword ({names}), or one {kind.__name__}; '
+            f'got {found}'
+        )
+    return settings
+
+
 Groups = dict[str, type[Settings]]
 
 _FOUND: dict[type[Settings], Mapping[str, Field | type[Settings] | Groups]] = {}

@@ -1,17 +1,27 @@
 """The interface as a newcomer types it: vehicles in code, and what objects say of themselves."""
 
+import doctest
+import re
+
 import numpy as np
 import pytest
 
+import ca_ros
 from ca_ros import (
     ALLOCATORS,
     AdmissibleSet,
     AllocationProblem,
     Exact,
+    FailureDetector,
     ParameterError,
+    PseudoInverse,
+    SlewLimited,
     Status,
     Vehicle,
     audit,
+    control_allocation_matrix,
+    make_allocator,
+    make_detector,
 )
 from ca_ros.vehicle.files import shipped_tilting, shipped_vehicles
 from strategies import ring
@@ -161,3 +171,102 @@ def test_rates_by_a_method_of_the_allocator():
     np.testing.assert_array_equal(one.thrusts, two.thrusts)
     with pytest.raises(ValueError, match='give rates'):
         allocator.within_rates()
+
+
+# What is wrong
+
+HEXAROTOR = Vehicle.load('hexarotor')
+EXACT = Exact(HEXAROTOR)
+HOVER = [9.81, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(('wrong', 'words'), [
+    (lambda: Exact(HEXAROTOR, polcy='scale'), 'no setting polcy; did you mean policy?'),
+    (lambda: make_allocator('exact', HEXAROTOR, polcy='scale'), 'did you mean policy?'),
+    (lambda: PseudoInverse(HEXAROTOR, lag=1), '(settings: none)'),
+    (lambda: Exact('hexarotor'), "Vehicle.load('hexarotor') reads a file"),
+    (lambda: audit('hexarotor'), "Vehicle.load('hexarotor') reads a file"),
+    (lambda: control_allocation_matrix('hexarotor'), 'expected a Vehicle'),
+    (lambda: make_allocator('wls', HEXAROTOR), 'did you mean weighted_least_squares?'),
+    (lambda: make_allocator('Exact', HEXAROTOR), 'did you mean exact?'),
+    (lambda: make_allocator('pseudo-inverse', HEXAROTOR), 'did you mean pseudo_inverse?'),
+    (lambda: make_allocator('xyz', HEXAROTOR), "no allocation method 'xyz' (there are exact"),
+    (lambda: make_allocator(HEXAROTOR, 'exact'), 'method: expected a name'),
+    (lambda: SlewLimited(HEXAROTOR, 100.0), 'expected an Allocator, such as Exact(vehicle)'),
+    (lambda: Vehicle(1.0, SQUARE), 'keywords alone'),
+    (lambda: quadrotor(spins='cw'), "spins: expected 'cw' or 'ccw' for each rotor"),
+    (lambda: quadrotor(axes='yew'), "must be one of force_x, .*, got 'yew'"),
+    (lambda: make_detector(HEXAROTOR, lag=0.1), 'FailureDetector has no setting lag'),
+    (lambda: make_detector(HEXAROTOR, dely=0.1), 'did you mean delay?'),
+    *((lambda method=method, bounds=bounds: method.allocate_within(HOVER, *bounds), words)
+      for method in (EXACT, PseudoInverse(HEXAROTOR)) for bounds, words in (
+          (([np.nan] * 6, [3.0] * 6), 'lower: expected finite numbers'),
+          ((np.zeros(6), np.full(6, np.inf)), 'upper: expected finite numbers'),
+          ((np.full(6, 2.0), np.full(6, 1.0)), 'lower: 2 of rotor 1 is above'),
+          ((np.zeros(5), np.ones(6)), 'lower: expected 1 or 6 numbers'))),
+    (lambda: Exact(Vehicle.load('tricopter')).allocate_within(HOVER, 0.0, 1.0),
+     'allocate_within takes effectors that are numbers'),
+])
+def test_what_is_wrong_is_told_with_what_would_be_right(wrong, words):
+    with pytest.raises((TypeError, ValueError), match=re.escape(words).replace(r'\.\*', '.*')):
+        wrong()
+
+
+@pytest.mark.parametrize('method', [EXACT, PseudoInverse(HEXAROTOR)])
+def test_bounds_of_an_answer_may_be_lists_or_one_number(method):
+    lower, upper = np.full(6, 0.5), np.full(6, 2.0)
+    expected = method.allocate_within([9.81, 0.2, 0.0, 0.0], lower, upper).thrusts
+    for given in ((lower.tolist(), upper.tolist()), (0.5, 2.0), (0.5, upper)):
+        found = method.allocate_within([9.81, 0.2, 0.0, 0.0], *given).thrusts
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_one_axis_needs_no_list():
+    assert quadrotor(axes='thrust').axes == ('thrust',)
+    assert AllocationProblem([[1.0, 1.0]], 0.0, 1.0, axes='thrust').axes == ('thrust',)
+
+
+STATE = [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(('wrong', 'words'), [
+    (lambda d: d.command(0.5, [300.0] * 6), 'time 0.5: expected whole nanoseconds'),
+    (lambda d: d.observe(0.5, *STATE), 'time 0.5: expected whole nanoseconds'),
+    (lambda d: d.observe(2**63, *STATE), 'expected a number of nanoseconds below 2**62'),
+    (lambda d: d.command(0, [300.0] * 4), 'command [300.0, 300.0, 300.0, 300.0]: expected 6 numb'),
+    (lambda d: d.command(0, 'fast'), 'command fast: expected 6 numbers'),
+    (lambda d: d.command(0, [np.nan] * 6), 'expected 6 numbers up to 1e100'),
+    (lambda d: d.measure(0, [300.0]), 'speeds [300.0]: expected 6 numbers'),
+    (lambda d: d.measure(0, np.zeros((2, 3))), 'expected 6 numbers'),
+    (lambda d: d.measure(0, [np.inf] * 6), 'expected 6 numbers up to 1e100'),
+    (lambda d: d.observe(0, STATE[1], *STATE[1:]), 'attitude [0.0, 0.0, 0.0]: expected 4 numbers'),
+    (lambda d: d.observe(0, STATE[0], [0.0], STATE[2]), 'velocity [0.0]: expected 3 numbers'),
+    (lambda d: d.observe(0, *STATE[:2], [0.0]), 'angular velocity [0.0]: expected 3 numbers'),
+    (lambda d: d.observe(0, *STATE, [0.0]), 'specific force [0.0]: expected 3 numbers'),
+    (lambda d: d.observe(0, [0.0] * 4, *STATE[1:]), 'expected a quaternion that is not zero'),
+    (lambda d: d.announce([1.0]), 'expected 1 or 6 numbers in [0, 1]'),
+    (lambda d: d.announce([2.0] * 6), 'expected 1 or 6 numbers in [0, 1]'),
+])
+@pytest.mark.parametrize('make', [FailureDetector, make_detector])
+def test_both_detectors_refuse_the_same(make, wrong, words):
+    detector = make(HEXAROTOR, motor_time_constant=0.05)
+    with pytest.raises((TypeError, ValueError), match=re.escape(words)):
+        wrong(detector)
+    # Lists and integers are taken.
+    detector.command(0, [300] * 6)
+    detector.measure(0, [300.0] * 6)
+    assert not detector.observe(np.int64(1), *STATE)
+
+
+def test_a_detector_without_a_lag_warns():
+    with pytest.warns(RuntimeWarning, match='motor_time_constant: taken as 0'):
+        make_detector(HEXAROTOR)
+
+
+@pytest.mark.parametrize('name', [name for name in ca_ros.__all__ if name != 'ALLOCATORS'])
+def test_the_examples_of_public_names(name):
+    examples = doctest.DocTestFinder(recurse=True).find(
+        getattr(ca_ros, name), name, globs={'np': np, **vars(ca_ros)})
+    runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
+    for each in examples:
+        assert runner.run(each).failed == 0, name

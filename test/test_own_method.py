@@ -79,7 +79,7 @@ def test_its_options_are_parameters(example):
     ('json:JSONDecoder', 'json:JSONDecoder: expected a subclass of ca_ros.Allocator'),
     ('ca_ros:Allocator', 'ca_ros:Allocator: the class does not define _allocate'),
     ('broken:Any', 'broken:Any: division by zero'),
-    ('magic', "no allocation method 'magic'; there are exact, .* and module:Class for your own"),
+    ('magic', r"no allocation method 'magic' \(there are exact, .* and module:Class for your own"),
 ])
 def test_what_is_no_method_is_named(example, method, words):
     Path('broken.py').write_text('1 / 0\n')

@@ -370,7 +370,7 @@ def test_a_changed_reset_counter_is_a_restart(loop):
 @pytest.mark.parametrize('make', [FailureDetector, make_detector])
 def test_a_reset_of_the_estimator_is_no_disturbance_and_no_failure(make):
     loop = Loop(integral=1.0, step=0.01)
-    loop.detector = make(HEXAROTOR)
+    loop.detector = make(HEXAROTOR, motor_time_constant=0.0)
     loop.take_off()
     before = loop.controller.disturbances.estimate[2]
     # Half a metre per second in ten milliseconds: as if the thrust had fallen by fifty newton.
@@ -385,7 +385,7 @@ def test_a_reset_of_the_estimator_is_no_disturbance_and_no_failure(make):
 def test_a_rotor_is_lost_in_flight(announced):
     loop = Loop(motor_time_constant=0.02, step=0.01)
     if not announced:
-        loop.detector = FailureDetector(HEXAROTOR)
+        loop.detector = FailureDetector(HEXAROTOR, motor_time_constant=0.0)
     loop.take_off(8.0)
     lost = HEXAROTOR.with_health([1.0, 0.0, 1.0, 1.0, 1.0, 1.0])
     loop.px4.plant.body = body_of(lost, PlantSettings())

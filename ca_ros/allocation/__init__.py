@@ -21,10 +21,11 @@ from ca_ros.allocation.sequential_desaturation import SequentialDesaturation
 from ca_ros.allocation.slew import SlewLimited
 from ca_ros.allocation.weighted_least_squares import WeightedLeastSquares
 from ca_ros.allocation.weighted_pseudo_inverse import WeightedPseudoInverse
+from ca_ros.errors import suggestion
 from ca_ros.problem.audit import Audit, accept
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import problem_of
-from ca_ros.settings import Settings, names_class
+from ca_ros.settings import Settings, names_class, settings_of
 from ca_ros.vehicle.vehicle import Vehicle
 
 ALLOCATORS: dict[str, type[Allocator]] = {
@@ -49,12 +50,14 @@ def method_class(method: str) -> type[Allocator]:
     there is no such method, the import fails, or the class is not a complete subclass of
     `Allocator` that can be made from a problem and settings.
     """
+    if not isinstance(method, str):
+        raise TypeError(f'method: expected a name, such as exact, first; got {method!r}')
     if method in ALLOCATORS:
         return ALLOCATORS[method]
     if not names_class(method):
         raise ValueError(
-            f'no allocation method {method!r}; there are {", ".join(ALLOCATORS)}, and '
-            'module:Class for your own'
+            f'no allocation method {method!r}{suggestion(method, ALLOCATORS)} (there are '
+            f'{", ".join(ALLOCATORS)}, and module:Class for your own)'
         )
     module, _, name = method.partition(':')
     if os.getcwd() not in sys.path:
@@ -112,7 +115,7 @@ def make_allocator(
         If the method has no such setting.
     """
     kind = method_class(method)
-    settings = kind.settings_type(**options)
+    settings = settings_of(kind, kind.settings_type, None, options)
     if isinstance(problem, Vehicle) or lost_axes is not None:
         return allocator_with(kind, accept(problem, lost_axes), settings)
     return allocator_with(kind, problem, settings)

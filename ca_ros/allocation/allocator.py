@@ -16,7 +16,7 @@ from ca_ros.arrays import Array
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import problem_of
-from ca_ros.settings import Settings
+from ca_ros.settings import Settings, settings_of
 from ca_ros.vehicle.vehicle import Vehicle
 
 Subject = Vehicle | AllocationProblem  # what an allocator is for
@@ -70,17 +70,7 @@ class Allocator(ABC):
     def __init__(
         self, problem: Subject, settings: Settings | None = None, /, **given: Any
     ) -> None:
-        kind = self.settings_type
-        if settings is None:
-            settings = kind(**given)
-        elif given or not isinstance(settings, kind):
-            names = ', '.join(kind.__dataclass_fields__) or 'none'
-            found = f'{settings!r} and {", ".join(given)}' if given else repr(settings)
-            raise TypeError(
-                f'{type(self).__name__} takes settings by keyword ({names}), or one '
-                f'{kind.__name__}; got {found}'
-            )
-        self.settings = settings
+        self.settings = settings_of(type(self), self.settings_type, settings, given)
         self.problem = (
             accept(problem).independent if isinstance(problem, Vehicle) else problem_of(problem)
         )
@@ -155,7 +145,7 @@ class Allocator(ABC):
         >>> allocator.lost_axes
         ('yaw',)
         >>> print(allocator.allocate([9.81, 0.1, 0.0, 0.0]))
-        PRIORITIZED: thrust 9.81, roll 0.1, pitch 0, yaw 0.002882 of 0
+        PRIORITIZED: thrust 9.81, roll 0.1, pitch 0, yaw -0.0024 of 0
         """
         return self._for(self.problem.with_health(health, failed_arms, stuck))
 
@@ -243,23 +233,28 @@ class Allocator(ABC):
         """
         return self._allocate(self.problem.check(u))
 
-    def allocate_within(self, u: ArrayLike, lower: Array, upper: Array) -> Allocation:
+    def allocate_within(self, u: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Allocation:
         """Allocate one wrench within narrower bounds, such as what the rotors reach in time.
 
         Parameters
         ----------
         u : (m,) array
             As in `allocate`.
-        lower, upper : (n,) arrays
+        lower, upper : float or (n,) array
             Bounds of the effectors for this wrench [N]; those of the problem hold as well.
 
         Returns
         -------
         Allocation
             With its `bounds`.  If effectors that cannot move do not give u, it is INEXACT.
+
+        Raises
+        ------
+        ValueError
+            If u, or a bound, is not finite or has a wrong shape, or a bound is above the other.
         """
         problem = self.problem
-        lower, upper = problem.clip(lower), problem.clip(upper)
+        lower, upper = problem.check_bounds(lower, upper)
         moved = problem.bounded(lower, upper)
         if moved.has_volume:
             answer = type(self)(moved, self.settings).allocate(u)

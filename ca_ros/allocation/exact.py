@@ -179,20 +179,23 @@ class Exact(Allocator):
         fields['_explain'] = self._explain
         return result
 
-    def allocate_within(self, u: ArrayLike, lower: Array, upper: Array) -> Allocation:
+    def allocate_within(self, u: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Allocation:
         """Allocate one wrench within narrower bounds; see `Allocator.allocate_within`."""
         demand, thrusts = empty(self._m), empty(self._n)
         try:
             wrench = u if type(u) is ndarray else floats(u)
             answer = self._solve(wrench, demand, thrusts, lower, upper)
         except (TypeError, ValueError):
+            lower, upper = self.problem.check_bounds(lower, upper)
             answer = self._solve(self.problem.check(u), demand, thrusts, lower, upper)
         number, level = answer or (int(EXACT), 1.0)
+        bounds: Any = lower, upper
         if number == INVALID:
             self.problem.check(demand)
+            bounds = self.problem.check_bounds(lower, upper)
         return Allocation(
             self.problem, demand, thrusts, STATUSES[number], level, 0.0, self._preference,
-            (lower, upper), _explain=None if answer is None else self._explain,
+            bounds, _explain=None if answer is None else self._explain,
         )
 
     def _explain(self, answer: Allocation) -> Explanation:

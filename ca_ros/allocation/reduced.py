@@ -114,7 +114,7 @@ class Reduced(Allocator):
     def _allocate(self, u: Array) -> Allocation:
         return self.whole(self.method.allocate(u[self._rows]), u)
 
-    def allocate_within(self, u: ArrayLike, lower: Array, upper: Array) -> Allocation:
+    def allocate_within(self, u: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Allocation:
         """Allocate one wrench within narrower bounds; see `Allocator.allocate_within`."""
         demand = self.problem.check(u)
         return self.whole(self.method.allocate_within(demand[self._rows], lower, upper), demand)

@@ -48,6 +48,8 @@ class SlewLimited(Allocator):
         self, allocator: Allocator, rates: ArrayLike | None = None,
         braking: ArrayLike | None = None,
     ) -> None:
+        if not isinstance(allocator, Allocator):
+            raise TypeError(f'expected an Allocator, such as Exact(vehicle), got {allocator!r}')
         self.allocator, self.problem = allocator, allocator.problem
         self.settings, self.engine = allocator.settings, allocator.engine
         self.problem.program.refuse_vectors('SlewLimited', 'TiltLimited takes these')

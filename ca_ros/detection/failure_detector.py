@@ -3,8 +3,11 @@
 from collections.abc import Mapping
 from math import cos, hypot, sin
 from operator import gt, index
+from typing import Any
+from warnings import warn
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array
 from ca_ros.control.momentum_observer import GAP, RESTART, MomentumObserver
@@ -15,6 +18,7 @@ from ca_ros.detection.noise_estimator import UsualMotion
 from ca_ros.detection.speed_residual import SlowRotors
 from ca_ros.detection.windows import Windows
 from ca_ros.problem.audit import audit
+from ca_ros.settings import settings_of
 from ca_ros.vehicle.settings import triple
 from ca_ros.vehicle.state import STATE_MAX, cross, rotation_matrix
 from ca_ros.vehicle.validation import ABSURD
@@ -41,11 +45,26 @@ ALL, ONE, NOBODY = np.ones(6), np.eye(6), np.zeros(())
 
 
 def moment_of(time: int) -> int:
-    """Return a time [ns]; raise a ValueError if it is out of bounds."""
-    moment = index(time)
+    """Return a time [ns]; raise a ValueError if it is out of bounds, a TypeError if not whole."""
+    try:
+        moment = index(time)
+    except TypeError:
+        raise TypeError(
+            f'time {time}: expected whole nanoseconds, such as int(1e9 * seconds)') from None
     if not -TIME_MAX < moment < TIME_MAX:
         raise ValueError(f'time {time}: expected a number of nanoseconds below 2**62')
     return moment
+
+
+def numbers_of(name: str, given: ArrayLike, count: int) -> Array:
+    """Return numbers (count,); raise a ValueError if there is another number of them."""
+    try:
+        found = np.asarray(given, float)
+    except (TypeError, ValueError):
+        found = np.zeros(())
+    if found.shape != (count,):
+        raise ValueError(f'{name} {given!s}: expected {count} numbers')
+    return found
 
 
 class FailureDetector:
@@ -58,28 +77,73 @@ class FailureDetector:
 
     While nothing is suspected, the mean disturbance, the drag and the noise are learnt.
 
-    `command`, `measure`, `observe` and `announce` raise a ValueError if a number is not finite or
-    out of bounds; it has then entered nothing.
+    `command`, `measure`, `observe` and `announce` raise a ValueError if there is another number of
+    numbers, or one is not finite or out of bounds; it has then entered nothing.
 
     Where the speeds of the rotors are measured, `SlowRotors` finds those that do not follow their
     commands.
-
-    `vehicle`: with the announced health.
 
     Where the rotors of a coaxial pair cannot be told apart, the arm is named: each of both has
     then lost half, so the arm gives what is expected if both get the same thrust.  What one of
     them keeps comes back when the motion tells which one has failed.
 
-    - `since`: when each rotor was found to have failed [ns]
-    - `evidence`: what each failure was found by: 'motion' or 'rotor speed', or at which angle its
-      servo sticks
-    - `suspect`: the rotor that may be failing now
-    - `margin`: lead of the evidence for the likeliest rotor over that for a disturbance, in the
-      last test in which something was suspected; a natural logarithm
+    `make_detector` returns this detector, or the same in C.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With its inertia, and the announced health.
+    settings : DetectorSettings, optional
+    motor_time_constant, delay : float, by keyword
+        Lag of the motors, and time from a command to its effect [s].  A warning says that the lag
+        is taken as 0 if it is not given.
+    **others
+        The other settings ``detector.*`` of a vehicle's file, by keyword.
+
+    Attributes
+    ----------
+    health : (n,) array
+        The announced health, less what was found.
+    since : list
+        When each rotor was found to have failed [ns].
+    evidence : list of str
+        What each failure was found by: 'motion' or 'rotor speed', or at which angle its servo
+        sticks.
+    suspect : int or None
+        The rotor that may be failing now.
+    margin : float
+        Lead of the evidence for the likeliest rotor over that for a disturbance, in the last test
+        in which something was suspected; a natural logarithm.
+
+    Examples
+    --------
+    A hexarotor hovers by constant rotor speeds, and loses rotor 2 after a second:
+
+    >>> from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
+    >>> vehicle = Vehicle.load('hexarotor')
+    >>> detector = make_detector(vehicle, motor_time_constant=0.0)
+    >>> hover = Exact(vehicle).allocate([9.81, 0.0, 0.0, 0.0]).speeds
+    >>> body, state = RigidBody(vehicle), np.zeros(13)
+    >>> state[9] = 1.0  # position, velocity, quaternion x, y, z, w, angular velocity
+    >>> for k in range(600):
+    ...     if k == 500:
+    ...         body = body.with_vehicle(vehicle.fail(2))
+    ...     time = 2_000_000 * k  # [ns]
+    ...     detector.command(time, hover)
+    ...     if detector.observe(time, state[6:10], velocity_in_body(state), state[10:]):
+    ...         print(f'{time / 1e9} s: {detector.health}')
+    ...         break
+    ...     state = body.step(state, hover, 0.002)
+    1.064 s: [1. 0. 1. 1. 1. 1.]
     """
 
-    def __init__(self, vehicle: Vehicle, settings: DetectorSettings | None = None) -> None:
-        s = self.settings = settings or DetectorSettings()
+    def __init__(
+        self, vehicle: Vehicle, settings: DetectorSettings | None = None, /, **given: Any
+    ) -> None:
+        s = self.settings = settings_of(type(self), DetectorSettings, settings, given)
+        if not (settings or 'motor_time_constant' in given):
+            warn('motor_time_constant: taken as 0; motors with a lag make false alarms. Give the '
+                 'lag [s], or 0 if there is none', RuntimeWarning, stacklevel=2)
         self.vehicle = vehicle
         self._slow = SlowRotors(vehicle.n, s)
         self._rotors = CommandedRotors(vehicle, s)
@@ -209,7 +273,9 @@ class FailureDetector:
         Beyond the bounds of the vehicle, motors and servos are at these.  A command that is newer
         than the last state by seconds is ignored.
         """
-        time, followed = moment_of(time), self._rotors.bounds.followed(command)
+        size = self.vehicle.n + len(self.vehicle.servos)
+        time, numbers = moment_of(time), numbers_of('command', command, size)
+        followed = self._rotors.bounds.followed(numbers)
         last = self._observer.time
         if last is not None and time - last >= RESTART:
             return
@@ -221,8 +287,8 @@ class FailureDetector:
 
         Those that are older than the last command by more than `oldest_measurement` are ignored.
         """
-        time, measured = moment_of(time), np.asarray(speeds, float)
-        if measured.shape != self._found.shape or not (abs(measured) <= ABSURD).all():
+        time, measured = moment_of(time), numbers_of('speeds', speeds, self.vehicle.n)
+        if not (abs(measured) <= ABSURD).all():
             raise ValueError(f'speeds {speeds}: expected {len(self._found)} numbers up to 1e100')
         found = self._slow.measure(time, measured, self._found == 0.0)
         failed = [(i, share) for i, share in found or [] if self.health[i] > 0.0]
@@ -249,13 +315,17 @@ class FailureDetector:
         - `specific_force` (3,): what the accelerometer measures, in the body frame, in the mean
           since the last state [m/s^2].  It then takes the place of the change of velocity
         """
-        time, attitude = moment_of(time), np.asarray(attitude, float)
-        force = None if specific_force is None else np.asarray(specific_force, float)
-        if force is not None and not (force.shape == (3,) and (abs(force) <= STATE_MAX).all()):
-            raise ValueError(f'specific force {force}: expected three numbers up to 1e9')
-        motion = np.concatenate([velocity, angular_velocity])
+        time, attitude = moment_of(time), numbers_of('attitude', attitude, 4)
+        motion = np.concatenate([
+            numbers_of('velocity', velocity, 3),
+            numbers_of('angular velocity', angular_velocity, 3)])
+        force = None
+        if specific_force is not None:
+            force = numbers_of('specific force', specific_force, 3)
+            if not (abs(force) <= STATE_MAX).all():
+                raise ValueError(f'specific force {force}: expected three numbers up to 1e9')
         numbers = attitude.tolist(), motion.tolist()
-        sound = (len(attitude), len(motion)) == (4, 6) and hypot(*numbers[0]) >= 1.0 / STATE_MAX
+        sound = hypot(*numbers[0]) >= 1.0 / STATE_MAX
         if not (sound and all(abs(x) <= STATE_MAX for part in numbers for x in part)):
             raise ValueError(
                 f'attitude {attitude}, velocities {velocity} and {angular_velocity}: expected a '

@@ -102,14 +102,30 @@ def packed(detector: FailureDetector, fields: dict[str, str]) -> Array | None:
     return np.concatenate(rows)
 
 
-def make_detector(vehicle: Vehicle, settings: DetectorSettings | None = None) -> Detector:
-    """Return a detector of rotor failures: in C where it can.
+def make_detector(
+    vehicle: Vehicle, settings: DetectorSettings | None = None, /, **given: Any
+) -> Detector:
+    """Return a detector of rotor failures: a `FailureDetector`, or the same in C.
 
     It is in NumPy without the extension module, with `CA_ROS_KERNEL=numpy`, and for vehicles whose
     rotors tilt, or with more rotors, or segments of the thrust curve, than the module has room
     for.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    settings : DetectorSettings, optional
+    **given
+        The same one by one, by keyword; see `FailureDetector`.
+
+    Raises
+    ------
+    ParameterError
+        If the vehicle has no inertia, or a setting is wrong.
+    TypeError
+        If there is no such setting.
     """
-    detector = FailureDetector(vehicle, settings)
+    detector = FailureDetector(vehicle, settings, **given)
     fixed = not len(vehicle.servos) and environ.get('CA_ROS_KERNEL') != 'numpy'
     module = extension('detector') if fixed else None
     model = None if module is None else packed(detector, module.FIELDS)

@@ -26,9 +26,26 @@ static PyObject *copy_to(const ca_real *numbers, int count, PyObject *array)
     Py_RETURN_NONE;
 }
 
-/* Get a time and the arrays that follow it, of the given sizes. */
+/* Copy numbers; lists and integers are converted, which takes longer. */
+static int copy_numbers(PyObject *given, const char *name, int count, ca_real *numbers)
+{
+    if (copy_from(given, count, numbers))
+        return 1;
+    PyErr_Clear();
+    PyObject *numpy = PyImport_ImportModule("numpy");
+    PyObject *array = numpy ? PyObject_CallMethod(numpy, "asarray", "Os", given, "d") : NULL;
+    const int done = array && copy_from(array, count, numbers);
+    Py_XDECREF(numpy);
+    Py_XDECREF(array);
+    if (!done)
+        PyErr_Format(PyExc_ValueError, "%s %S: expected %d numbers", name, given, count);
+    return done;
+}
+
+/* Get a time and the arrays that follow it, of the given names and sizes. */
 static int take(const object *self, PyObject *const *arguments, Py_ssize_t count,
-                const int *sizes, int arrays, int64_t *time, ca_real *numbers)
+                const char *const *names, const int *sizes, int arrays, int64_t *time,
+                ca_real *numbers)
 {
     if (!rotors(self) || count != arrays + 1) {
         PyErr_SetString(PyExc_TypeError, "expected a detector with a model, a time and arrays");
@@ -36,15 +53,19 @@ static int take(const object *self, PyObject *const *arguments, Py_ssize_t count
     }
     int overflow;
     *time = PyLong_AsLongLongAndOverflow(arguments[0], &overflow);
-    if (PyErr_Occurred())
+    if (PyErr_Occurred()) {
+        PyErr_Format(PyExc_TypeError,
+                     "time %S: expected whole nanoseconds, such as int(1e9 * seconds)",
+                     arguments[0]);
         return 0;
+    }
     if (overflow || *time <= -CA_TIME_MAX || *time >= CA_TIME_MAX) {
         PyErr_Format(PyExc_ValueError, "time %S: expected a number of nanoseconds below 2**62",
                      arguments[0]);
         return 0;
     }
     for (int k = 0; k < arrays; numbers += sizes[k], k++)
-        if (!copy_from(arguments[k + 1], sizes[k], numbers))
+        if (!copy_numbers(arguments[k + 1], names[k], sizes[k], numbers))
             return 0;
     return 1;
 }
@@ -54,7 +75,7 @@ static PyObject *command(object *self, PyObject *const *arguments, Py_ssize_t co
     const int sizes[1] = {rotors(self)};
     ca_real speeds[CA_N];
     int64_t time;
-    if (!take(self, arguments, count, sizes, 1, &time, speeds))
+    if (!take(self, arguments, count, (const char *[]){"command"}, sizes, 1, &time, speeds))
         return NULL;
     if (ca_detector_command(&self->detector, time, speeds) < 0)
         return PyErr_Format(PyExc_ValueError, "command %S: expected %d numbers up to 1e100",
@@ -67,7 +88,7 @@ static PyObject *measure(object *self, PyObject *const *arguments, Py_ssize_t co
     const int sizes[1] = {rotors(self)};
     ca_real speeds[CA_N];
     int64_t time;
-    if (!take(self, arguments, count, sizes, 1, &time, speeds))
+    if (!take(self, arguments, count, (const char *[]){"speeds"}, sizes, 1, &time, speeds))
         return NULL;
     const int changed = ca_detector_measure(&self->detector, time, speeds);
     if (changed < 0)
@@ -79,6 +100,8 @@ static PyObject *measure(object *self, PyObject *const *arguments, Py_ssize_t co
 static PyObject *observe(object *self, PyObject *const *arguments, Py_ssize_t count,
                          PyObject *names)
 {
+    static const char *const parts[4] = {"attitude", "velocity", "angular velocity",
+                                         "specific force"};
     const int sizes[4] = {4, 3, 3, 3};
     ca_real state[13];
     int64_t time;
@@ -93,7 +116,8 @@ static PyObject *observe(object *self, PyObject *const *arguments, Py_ssize_t co
         measured = 0;
         count = 4;
     }
-    if (!take(self, arguments, count + (measured && count == 4), sizes, 3 + measured, &time, state))
+    if (!take(self, arguments, count + (measured && count == 4), parts, sizes, 3 + measured, &time,
+              state))
         return NULL;
     for (int k = 10; measured && k < 13; k++)
         if (!(state[k] >= -CA_STATE_MAX && state[k] <= CA_STATE_MAX))
@@ -113,7 +137,7 @@ static PyObject *observe(object *self, PyObject *const *arguments, Py_ssize_t co
 static PyObject *announce(object *self, PyObject *array)
 {
     ca_real health[CA_N];
-    if (!copy_from(array, rotors(self), health))
+    if (!copy_numbers(array, "health", rotors(self), health))
         return NULL;
     if (ca_detector_announce(&self->detector, health) < 0)
         return PyErr_Format(PyExc_ValueError, "health %S: expected %d numbers in [0, 1]", array,

@@ -218,6 +218,21 @@ class AllocationProblem:
         """The programs over numbers within bounds; a TypeError if effectors are vectors."""
         return self.program.box
 
+    def check_bounds(self, lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Array]:
+        """Return bounds (n,) within those of the problem [N].
+
+        Raises a ValueError if a number is not finite, there is another number of them, a lower
+        bound is above its upper bound, or effectors are vectors.
+        """
+        self.program.refuse_vectors('allocate_within', 'within_rates takes them')
+        least, most = self.box.sets.lower, self.box.sets.upper
+        low, high = (numbers(name, given, self.n) for name, given in (
+            ('lower', lower), ('upper', upper)))
+        kind = self.effector_kind.removesuffix('s')
+        names = [f'{kind} {name}' for name in self.effector_names]
+        ordered_bounds('lower', 'upper bound', low, high, names)
+        return np.clip(low, least, most), np.clip(high, least, most)
+
     def bounded(self, lower: Array, upper: Array) -> AllocationProblem:
         """Return the problem with other bounds (n,) [N]; a TypeError if effectors are vectors."""
         other, _ = AllocationProblem.__new__(AllocationProblem), self.box

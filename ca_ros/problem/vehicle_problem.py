@@ -237,7 +237,8 @@ def problem_of(problem: Vehicle | AllocationProblem) -> AllocationProblem:
         return VehicleProblem(problem)
     if isinstance(problem, AllocationProblem):
         return problem
-    raise TypeError(f'expected a Vehicle or an AllocationProblem, got {problem!r}')
+    hint = f': Vehicle.load({problem!r}) reads a file' if isinstance(problem, str) else ''
+    raise TypeError(f'expected a Vehicle or an AllocationProblem, got {problem!r}{hint}')
 
 
 def vehicle_problem(problem: AllocationProblem) -> VehicleProblem:

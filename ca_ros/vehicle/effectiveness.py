@@ -35,4 +35,6 @@ def control_allocation_matrix(vehicle: Vehicle) -> Array:
     The matrix (m, n) has one row for each of the vehicle's commanded axes; by default u = (thrust,
     tau_x, tau_y, tau_z), with the rows thrust [N/N] and torque x, y, z [N m/N].
     """
+    if not isinstance(vehicle, Vehicle):
+        raise TypeError(f'expected a Vehicle, got {vehicle!r}')
     return rotor_wrenches(vehicle)[[AXES.index(axis) for axis in vehicle.axes]]

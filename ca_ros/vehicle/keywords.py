@@ -37,6 +37,8 @@ def parameters_of(keywords: Mapping[str, Any]) -> dict[str, Any]:
             value = _rows(name, value)
         elif name == 'spins':
             value = _spins(value)
+        elif name == 'axes' and isinstance(value, str):
+            value = [value]
         elif name == 'yaw_torque_signs':
             name, value = 'spins', _turns(value)
         group, key = ('rotors', 'axes') if name == 'rotor_axes' else (
@@ -74,7 +76,9 @@ def _rows(name: str, value: Any) -> Any:
 
 
 def _spins(value: Any) -> Any:
-    words = [value] if isinstance(value, str) else [*value]
+    if isinstance(value, str):
+        raise ParameterError(f"spins: expected 'cw' or 'ccw' for each rotor, got {value!r} alone")
+    words = [*value]
     if any(not isinstance(word, str) for word in words):
         raise ParameterError(f'spins: got {words}: {SIGNS}')
     return words

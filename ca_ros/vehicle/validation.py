@@ -55,6 +55,7 @@ def check_ratio(name: str, weights: ArrayLike) -> None:
 
 def different_names(name: str, given: Sequence[str], size: int) -> tuple[str, ...]:
     """Return names, as many as `size` and all different; else raise a ValueError."""
+    given = [given] if isinstance(given, str) and size == 1 else given
     listed = isinstance(given, (list, tuple)) and all(isinstance(each, str) for each in given)
     names = tuple(given) if listed else ()
     if len(names) != size or len(set(names)) < size:

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from functools import cached_property, lru_cache
 from math import sqrt
 from pathlib import Path
-from typing import Any
+from typing import Any, Never
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -143,12 +143,17 @@ class Vehicle:
     deceleration_max: Array | None = None
 
     def __init__(
-        self, *, mass: float | None = None, positions: ArrayLike | None = None,
+        self, *unnamed: Never, mass: float | None = None, positions: ArrayLike | None = None,
         spins: Any = None, thrust_coefficient: ArrayLike | None = None,
         torque_coefficient: ArrayLike | None = None, speed_min: ArrayLike | None = None,
         speed_max: ArrayLike | None = None, yaw_torque_signs: ArrayLike | None = None,
         inertia: ArrayLike | None = None, axes: Sequence[str] | None = None, **others: Any,
     ) -> None:
+        if unnamed:
+            raise TypeError(
+                f'Vehicle takes keywords alone, such as Vehicle(mass=1.0, positions=..., '
+                f'spins=..., ...); got {len(unnamed)} values without a name'
+            )
         given = {
             'mass': mass, 'spins': spins, 'thrust_coefficient': thrust_coefficient,
             'torque_coefficient': torque_coefficient, 'speed_min': speed_min,

@@ -163,7 +163,8 @@ def count_detector(vehicle: Vehicle) -> Array:
         folder = Path(name)
         parts = [*given(problem, folder), f'-I{KERNEL}', '-DCA_FLOAT', '-DCOUNT_DETECTOR', '-O3']
         (folder / 'vehicle.h').write_text('', encoding='utf-8')
-        write_detector(FailureDetector(vehicle), 'vehicle', 'single', folder)
+        detector = FailureDetector(vehicle, motor_time_constant=0.0)
+        write_detector(detector, 'vehicle', 'single', folder)
         sources = PROGRAM, folder / 'detector.c', folder / 'vehicle_detector.c'
         program = compiled(folder / 'detector.elf', *parts, *sources)
         return run(program, np.zeros((STATES, len(problem.axes)), np.float32))
