@@ -125,6 +125,7 @@ readme: demo
 	.venv/bin/ca_ros static_study --samples 1000 --seed 0 --out out/static
 	cp out/static/slices.png out/static/violations.png docs
 	.venv/bin/ca_ros attainable --fail 1 --out docs/attainable
+	.venv/bin/python docs/scripts/model.py
 	.venv/bin/python docs/scripts/failure.py
 	.venv/bin/ca_ros dynamic_study --methods exact,pseudo_inverse,fixed_pseudo_inverse --fail 1@8 \
 	    --duration 14 --out out/failure
