@@ -124,5 +124,5 @@ def warn_if_missing() -> None:
     pip hides what a build says, so the first use says it.
     """
     if load() is None and not environ.get('CA_ROS_KERNEL'):
-        text = f'exact runs in NumPy, a hundred times as slowly or more; {NOT_BUILT}'
+        text = f'exact runs in NumPy, ten to a thousand times as slowly; {NOT_BUILT}'
         warnings.warn(text, RuntimeWarning, stacklevel=4)
