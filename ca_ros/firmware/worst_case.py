@@ -86,7 +86,8 @@ def mutated(problem: AllocationProblem, pool: Array, rng: np.random.Generator) -
 def constant(name: str) -> int:
     """Return an integer that the C code defines."""
     folder = Path(ca_ros.kernel.__file__).parent
-    text = ''.join((folder / file).read_text() for file in ('least_norm.c', 'priorities.c'))
+    files = 'least_norm.c', 'priorities.c', 'facet.c'
+    text = ''.join((folder / file).read_text() for file in files)
     [value] = re.findall(rf'^#define {name} (\d+)$', text, re.MULTILINE)
     return int(value)
 
@@ -110,27 +111,36 @@ class Bounds(NamedTuple):
         order, group, senses = (fields[name][2] for name in ('order', 'group', 'keep_sense'))
         (n,), (m,), (slack,) = (fields[name][2] for name in ('n', 'm', 'slack'))
         n, m = int(n), int(m)
-        # `ca_allocate`: attempt, and again with a step before and after it at the plane that the
-        # first one finds; then the priorities, and at worst `ca_least_norm` twice.
-        relaxes = slack > (1e-5 if firmware.single else 1e-12)
+        planes, every = constant('PLANES'), constant('STEPS')
+        relax = every if slack > (1e-5 if firmware.single else 1e-12) else 0
         attempt = 0 if n == m else constant('ATTEMPT')
-        settle = 3 if firmware.single else n
-        steps = 2 * attempt + 2 + 3 * settle + (4 if relaxes else 2) * constant('STEPS')
-        # `serve`: a push for the first group, for each sense, and for each other group and axis.
+        settle = 2 * (3 if firmware.single else n)
+        # `solve` in exact.c. If u is proven to be unattainable: the planes, the priorities and
+        # their thrusts. If not: the priorities, their thrusts and `insist`.
+        proven = planes * (1 + attempt) + settle + max(1, relax) + every + settle
+        insists = settle + 1 + every + settle + settle + every + settle + relax
+        steps = attempt + max(proven, insists)
+        # `serve`: a push for the first group, and one to its line; for each sense, and for each
+        # other group and axis; three for a limit on airmode.
         sizes = [group[:m].count(i) for i in sorted(set(group[:m]))]
-        variables = n + m + (sizes[0] > 1)
-        turns = [variables]
+        variables = n + m + 2 * (sizes[0] > 1)
+        turns = [variables] * (1 + (sizes[0] > 1) + 3 * (fields['thrust'][2][0] >= 0))
         turns += [variables for axis in order[sizes[0] : m] if senses[int(axis)]]
         for size in sizes[1:]:
             if size > 1:
                 variables += 1 + 2 * size
                 turns.append(variables)
             turns += [variables] * size
+        # `ca_serve_within`: the same pushes, each with at most as many pivots as rows and columns.
+        within = sum(
+            2 + count - n + rows for count in turns for rows in range(1, planes + 1))
         if firmware.single:
-            # A second run in double precision begins in the middle, before the line.
-            turns += [*turns, *[n + m + 1] * sizes[0]]
+            # A second run in double precision.
+            turns *= 2
+        # To begin in the middle, each axis of the first group moves to its line, and is fixed.
+        turns += [n + m + 1] * sizes[0]
         pivots = sum(1 + constant('PIVOTS_PER_VARIABLE') * count for count in turns)
-        return cls(steps, pivots)
+        return cls(steps, pivots + within)
 
 
 class Call(NamedTuple):

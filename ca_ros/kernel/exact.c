@@ -290,7 +290,7 @@ static ca_answer solve(const ca_problem *p, const ca_real *u, ca_real *thrusts)
     ca_served served;
     memset(&served, 0, sizeof served);
     if (search.unattainable && p->policy != CA_REJECTED &&
-        ca_serve_at_plane(p, &search, &served, thrusts)) {
+        ca_serve_at_planes(p, &search, &served, thrusts, &answer.pivots)) {
         if (!served.reached || !produce(p, &search, thrusts)) {
             answer.status = unattainable_status(p, &served.face);
             answer.level = served.level;

@@ -566,20 +566,25 @@ static int completes(const bounded_program *program, const ca_real *z, const ca_
     return 1;
 }
 
+/* Set the plane along a direction of multipliers. */
+static void set_plane(const ca_problem *problem, ca_search *search, const ca_real *way)
+{
+    const int m = CA_AXES(problem);
+    ca_copy(m, way, search->toward);
+    for (int k = 0; k < m; k++) {
+        search->normal[k] = 0;
+        for (int j = k; j < m; j++)
+            search->normal[k] += problem->coordinates[j][k] * way[j];
+    }
+}
+
 /* Whether a gap along a direction of multipliers proves that u is not attainable: all attainable
  * wrenches are on one side of a plane. */
 static int proves(const ca_problem *problem, ca_search *search, const ca_real *way,
                   ca_real short_of)
 {
-    const int m = CA_AXES(problem);
-    ca_real *normal = search->normal;
-    ca_copy(m, way, search->toward);
-    for (int k = 0; k < m; k++) {
-        normal[k] = 0;
-        for (int j = k; j < m; j++)
-            normal[k] += problem->coordinates[j][k] * way[j];
-    }
-    return short_of > search->tolerance * ca_length(m, normal);
+    set_plane(problem, search, way);
+    return short_of > search->tolerance * ca_length(CA_AXES(problem), search->normal);
 }
 
 /* The same for any multipliers: whether u is beyond a plane that touches the set along them. */
@@ -901,36 +906,76 @@ int ca_least_norm(const ca_problem *problem, ca_search *search, ca_real *thrusts
     return 0;
 }
 
-int ca_least_norm_at_once(const ca_problem *p, const ca_face *face, const ca_real *toward,
-                          ca_real *thrusts, int *steps)
+/* Thrusts on a face miss its wrench where they are at their bounds. Turn its planes about the
+ * thrusts that are not, towards the wrench, until a thrust of the face is no longer held: the
+ * next facet. Returns 0 if this is not clear. */
+static int turn(const ca_problem *p, const ca_face *face, int count, const ca_real *const *toward,
+                const ca_real *f, ca_search *next)
+{
+    const bounded_program program = program_of(p);
+    const int n = CA_ROTORS(p), m = CA_AXES(p);
+    ca_real left[CA_M], slopes[CA_M] = {0}, away[CA_M], way[CA_M] = {0}, least = CA_UNBOUNDED;
+    int free[CA_N], frees = 0;
+    row_span span;
+    for (int i = 0; i < n; i++)
+        if (!face->held[i] && f[i] > p->lower[i] && f[i] < p->upper[i])
+            free[frees++] = i;
+    ca_leave(p, face->wrench, f, left);
+    multiply(m, p->coordinates, left, slopes);
+    if (!find_span(&program, free, frees, slopes, &span, away) ||
+        !(ca_length(m, away) > CA_EXACT_TOLERANCE * p->greatest))
+        return 0;
+    for (int j = 0; j < count; j++)
+        for (int k = 0; k < m; k++)
+            way[k] += toward[j][k];
+    for (int i = 0; i < n; i++) {
+        const ca_real rate = ca_dot(m, p->basis[i], way), change = ca_dot(m, p->basis[i], away);
+        if (face->held[i] && rate * change < 0)
+            least = ca_min(least, -rate / change);
+    }
+    if (!(least < CA_UNBOUNDED))
+        return 0;
+    for (int k = 0; k < m; k++)
+        way[k] += least * away[k];
+    set_plane(p, next, way);
+    return 1;
+}
+
+int ca_least_norm_at_once(const ca_problem *p, const ca_face *face, int count,
+                          const ca_real *const *toward, ca_real *thrusts, ca_search *next)
 {
     const int n = CA_ROTORS(p), m = CA_AXES(p);
     ca_real h[CA_M][CA_M] = {{0}}, f[CA_N] = {0}, left[CA_M], slopes[CA_M] = {0}, step[CA_M];
-    int frees = 0;
+    int frees = 0, within = 1;
     for (int i = 0; i < n; i++)
         frees += !face->held[i] && p->lower[i] < p->upper[i];
     /* The free rows of the basis span all but `toward`. Either they or the others are summed. */
     const int few = n - frees < frees;
     for (int k = 0; k < m; k++)
         h[k][k] = few ? 1 : 0;
-    add_square(m, toward, 1 / ca_dot(m, toward, toward), h);
+    for (int j = 0; j < count; j++)
+        add_square(m, toward[j], 1 / ca_dot(m, toward[j], toward[j]), h);
     for (int i = 0; i < n; i++) {
         const int free = !face->held[i] && p->lower[i] < p->upper[i];
         f[i] = free ? p->preferred[i] : face->held[i] ? face->thrusts[i] : p->lower[i];
         if (free != few)
             add_square(m, p->basis[i], few ? CA_REAL(-1) : CA_REAL(1), h);
     }
-    ++*steps;
+    ++*next->steps;
     ca_leave(p, face->wrench, f, left);
     multiply(m, p->coordinates, left, slopes);
-    if (!solve_definite(m, h, slopes, step))
-        return 0;
+    const int spanned = solve_definite(m, h, slopes, step);
     for (int i = 0; i < n; i++) {
         if (face->held[i] || !(p->lower[i] < p->upper[i]))
             continue;
-        f[i] += ca_dot(m, p->basis[i], step) / p->weight[i];
-        if (!(f[i] >= p->lower[i] && f[i] <= p->upper[i]))
-            return 0;
+        const ca_real wanted =
+            spanned ? f[i] + ca_dot(m, p->basis[i], step) / p->weight[i] : p->middle[i];
+        f[i] = ca_clip(wanted, p->lower[i], p->upper[i]);
+        within = within && spanned && ca_equal(f[i], wanted);
+    }
+    if (!within) {
+        next->unattainable = frees + count <= m && turn(p, face, count, toward, f, next);
+        return 0;
     }
     ca_leave(p, face->wrench, f, left);
     const ca_real tolerance = CA_EXACT_TOLERANCE * ca_max(1, ca_length(m, face->wrench));

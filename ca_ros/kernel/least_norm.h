@@ -57,10 +57,12 @@ void ca_start(const ca_problem *problem, const ca_real *u, int attainable, int *
 int ca_attempt(const ca_problem *problem, ca_search *search, ca_real *thrusts);
 int ca_least_norm(const ca_problem *problem, ca_search *search, ca_real *thrusts);
 
-/* The same for the wrench of a face; `ca_least_norm_at_once` for one on the plane of a search, by one
- * step towards all thrusts that are not held. It sets no thrusts if this does not suffice. */
-int ca_least_norm_at_once(const ca_problem *problem, const ca_face *face, const ca_real *toward,
-                          ca_real *thrusts, int *steps);
+/* The same for the wrench of a face; `ca_least_norm_at_once` for one on some planes of searches,
+ * by one step towards all thrusts that are not held. If this does not suffice, it sets no
+ * thrusts, and, if it finds another plane that touches the set, `unattainable` and the plane of
+ * `next`. */
+int ca_least_norm_at_once(const ca_problem *problem, const ca_face *face, int count,
+                          const ca_real *const *toward, ca_real *thrusts, ca_search *next);
 int ca_least_norm_on_face(const ca_problem *problem, const ca_face *face, ca_real *thrusts,
                           int *steps);
 

@@ -11,10 +11,10 @@
 
 #include <string.h>
 
-/* The type of the numbers here. In single precision this file is compiled twice: in single precision,
- * and by priorities_wide.c in double precision, for the set-up and for wrenches for which rounding
- * errors of single precision could decide. There Gamma has its rest, see `ca_options`. Without it, rates
- * that are zero in an unrounded problem are up to about 1e-7. */
+/* The type of the numbers here. In single precision this file is compiled twice: in single
+ * precision, and by priorities_wide.c in double precision, for the set-up and for wrenches for
+ * which rounding errors of single precision could decide. There Gamma has its rest, see
+ * `ca_options`. Without it, rates that are zero in an unrounded problem are up to about 1e-7. */
 #ifdef CA_WIDE
 typedef double real;
 #define WIDE 1
@@ -56,7 +56,7 @@ typedef ca_real real;
 /* Rate below which a variable does not block a move. */
 #define RATE_MIN CHOOSE(1e-9, 1e-6, 1e-6)
 /* Bound of the pivots of one push, per variable. */
-#define PIVOTS_PER_VARIABLE 8
+#define PIVOTS_PER_VARIABLE 3
 /* Greatest share of the way to the boundary of the set where a line may begin. */
 #define INSIDE REAL(0.99)
 /* Distance from the reference, as a share of an axis's range, that counts as none. */
@@ -96,6 +96,9 @@ typedef struct {
     int thrusts;
     /* Whether a variable that is pushed may not move away later. */
     int final;
+    /* Whether a push that takes more pivots than there are rows and columns is unclear: another
+     * method is to answer. */
+    int brief;
 } simplex;
 
 static inline real real_min(real a, real b) { return a < b ? a : b; }
@@ -286,7 +289,8 @@ static int approach(simplex *s, int v, real goal)
         exchange(s, blocked, place - ROWS);
     }
     const int r = s->place[v];
-    for (int pivot = 0; pivot < PIVOTS_PER_VARIABLE * s->count && !s->unclear; pivot++) {
+    const int limit = s->brief ? s->rows + s->columns : PIVOTS_PER_VARIABLE * s->count;
+    for (int pivot = 0; pivot < limit && !s->unclear; pivot++) {
         const real left = goal - s->value[r];
         real best = above_noise(s, ZERO);
         int k = -1;
@@ -315,6 +319,7 @@ static int approach(simplex *s, int v, real goal)
                 drop(s, k);
         }
     }
+    s->unclear = s->unclear || s->brief;
     return 0;
 }
 
@@ -416,7 +421,7 @@ static void clear(const ca_problem *p, simplex *s)
     s->refined = IS_REFINED(p);
     s->nearly_level = IS_NEARLY_LEVEL(p);
     s->least_rate = 1;
-    s->final = 0;
+    s->final = s->brief = 0;
     for (int i = 0; i < n; i++)
         s->held[i] = 0;
 }
@@ -558,8 +563,9 @@ static real direction_of(int count, const real *ways, real *direction)
     return size;
 }
 
-/* Where the line of the first group begins: a part of the way from the middle to the reference. In double
- * precision an axis is not to move by rounding along the line to a demand that has it at the reference. */
+/* Where the line of the first group begins: a part of the way from the middle to the reference.
+ * In double precision an axis is not to move by rounding along the line to a demand that has it
+ * at the reference. */
 static void find_begin(const ca_problem *p, const real *reference, real *begin)
 {
     const int first = group_size(p, 0);
@@ -588,12 +594,68 @@ static void go_to_line(const ca_problem *p, int moved, const real *begin, simple
     }
 }
 
+/* Where the first group of axes is on its line, after a share of the way. */
+static void place_first(const ca_problem *p, const real *goals, const real *begin_at, real share,
+                        real *axes)
+{
+    const int first = group_size(p, 0);
+    for (int i = 0; first > 1 && i < first; i++) {
+        const int axis = p->order[i];
+        axes[axis] = share >= 1 ? goals[axis] : begin_at[i] + share * (goals[axis] - begin_at[i]);
+    }
+}
+
+/* Serve the groups after the first one after the other, and set the scaled wrench `axes`. If
+ * `senses`, the axes stay on the side of the reference on which their demand is. */
+static void serve_later(const ca_problem *p, const real *goals, const real *reference, int senses,
+                        simplex *s, real *axes)
+{
+    const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
+    for (int i = first; senses && i < m; i++) {
+        const int axis = p->order[i], v = n + axis;
+        if (!p->keep_sense[axis])
+            continue;
+        const real value = value_of(s, v), low = real_min(goals[axis], reference[axis]),
+                      high = real_max(goals[axis], reference[axis]),
+                      nearest = real_clip(value, low, high);
+        if (approach(s, v, nearest)) {
+            const int place = s->place[v];
+            s->lower[place] = real_max(s->lower[place], low);
+            s->upper[place] = real_min(s->upper[place], high);
+        } else {
+            hold(s, v, nearest);
+        }
+    }
+    for (int i = first; i < m;) {
+        const int count = group_size(p, i);
+        if (count > 1) {
+            real ends[CA_M], weights[CA_M], longest = LAG;
+            for (int k = 0; k < count; k++) {
+                const int axis = p->order[i + k];
+                ends[k] = goals[axis];
+                weights[k] = real_abs(goals[axis] - reference[axis]);
+                longest = real_max(longest, weights[k]);
+            }
+            for (int k = 0; k < count; k++)
+                weights[k] = real_max(real_max(weights[k], LAG) / longest, LAG_RATIO);
+            push(s, add_lag(s, count, p->order + i, ends, weights), 0);
+        }
+        for (int k = 0; k < count; k++) {
+            const int axis = p->order[i + k];
+            push(s, n + axis, goals[axis]);
+        }
+        i += count;
+    }
+    for (int k = 0; k < m; k++)
+        axes[k] = value_of(s, n + k);
+}
+
 /* Serve a demand, given as scaled goals, by the scaled wrench `axes`. Returns the share of the line
  * that the first group moved along, or -1 if the bounds keep it away from the line. */
 static real serve(const ca_problem *p, const real *goals, const real *reference, int senses,
                   simplex *s, real *axes)
 {
-    const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0);
+    const int n = CA_ROTORS(p), first = group_size(p, 0);
     const int thrust = senses ? p->thrust : -1, moved = is_narrowed(p) && !p->widened;
     const real demand = thrust < 0 ? 0 : real_clip(goals[thrust], -1, 1);
     int variables[CA_M] = {0};
@@ -604,7 +666,7 @@ static real serve(const ca_problem *p, const real *goals, const real *reference,
         go_to_line(p, moved, begin_at, s);
     else
         begin(p, s);
-    for (int i = 0; i < m; i++)
+    for (int i = 0; i < first; i++)
         variables[i] = n + p->order[i];
     if (thrust >= 0)
         confine(s, n + thrust, -UNBOUNDED, demand + (real)p->rise);
@@ -642,49 +704,10 @@ static real serve(const ca_problem *p, const real *goals, const real *reference,
         s->upper[s->place[n + thrust]] = UNBOUNDED;
     }
     s->final = 1;
-    for (int i = first; senses && i < m; i++) {
-        const int axis = p->order[i], v = variables[i];
-        if (!p->keep_sense[axis])
-            continue;
-        const real value = value_of(s, v), low = real_min(goals[axis], reference[axis]),
-                      high = real_max(goals[axis], reference[axis]),
-                      nearest = real_clip(value, low, high);
-        if (approach(s, v, nearest)) {
-            const int place = s->place[v];
-            s->lower[place] = real_max(s->lower[place], low);
-            s->upper[place] = real_min(s->upper[place], high);
-        } else {
-            hold(s, v, nearest);
-        }
-    }
-    for (int i = first; i < m;) {
-        const int count = group_size(p, i);
-        if (count > 1) {
-            real ends[CA_M], weights[CA_M], longest = LAG;
-            for (int k = 0; k < count; k++) {
-                const int axis = p->order[i + k];
-                ends[k] = goals[axis];
-                weights[k] = real_abs(goals[axis] - reference[axis]);
-                longest = real_max(longest, weights[k]);
-            }
-            for (int k = 0; k < count; k++)
-                weights[k] = real_max(real_max(weights[k], LAG) / longest, LAG_RATIO);
-            push(s, add_lag(s, count, p->order + i, ends, weights), 0);
-        }
-        for (int k = 0; k < count; k++) {
-            const int axis = p->order[i + k];
-            push(s, variables[i + k], goals[axis]);
-        }
-        i += count;
-    }
-    for (int k = 0; k < m; k++)
-        axes[k] = value_of(s, n + k);
-    for (int i = 0; first > 1 && i < first; i++) {
-        const int axis = p->order[i];
-        axes[axis] = share >= 1 ? goals[axis] : begin_at[i] + share * ways[i];
-        if (left > 0)
-            axes[axis] -= left * rest[i];
-    }
+    serve_later(p, goals, reference, senses, s, axes);
+    place_first(p, goals, begin_at, share, axes);
+    for (int i = 0; left > 0 && i < first; i++)
+        axes[p->order[i]] -= left * rest[i];
     return left > 0 ? -1 : share;
 }
 
@@ -792,9 +815,120 @@ static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
 }
 
 #if !WIDE
+/* Within one plane mostly the last axis alone gives way, and keeps its sense. Returns whether it
+ * does. */
+static int give_way(const ca_problem *p, const ca_real *u, const ca_plane *plane, ca_real *wrench)
+{
+    const int m = CA_AXES(p), last = p->order[m - 1];
+    ca_real gap = -plane->height, greatest = 0;
+    for (int k = 0; k < m; k++) {
+        gap += plane->normal[k] * (u[k] - p->center[k]);
+        greatest = ca_max(greatest, ca_abs(plane->normal[k]) * p->extent[k]);
+    }
+    if (m == 1 || p->group[m - 1] == p->group[m - 2] || !(gap > 0) ||
+        ca_clarity(ca_abs(plane->normal[last]) * p->extent[last], greatest) <= 0)
+        return 0;
+    const ca_real part = gap / plane->normal[last], way = u[last] - p->reference[last];
+    ca_copy(m, u, wrench);
+    wrench[last] -= part;
+    return !p->keep_sense[last] || (part > 0 ? way >= part : way <= part);
+}
+
+/* Add the distance from a plane as a basic variable. Columns are those of `begin_within`, `at`
+ * and `direction` are in the order of the priorities. Returns 0 if it is not clear whether the
+ * plane goes along an axis, or if the wrench is beyond it. */
+static int add_plane(const ca_problem *p, const ca_plane *plane, int along, const real *at,
+                     const real *direction, simplex *s)
+{
+    const int m = CA_AXES(p), r = s->rows++;
+    real slopes[CA_M], greatest = 0, ray = 0;
+    for (int k = 0; k < m; k++) {
+        slopes[k] = plane->normal[k] * p->extent[k];
+        greatest = real_max(greatest, real_abs(slopes[k]));
+    }
+    const real unit = 1 / greatest;
+    real room = unit * plane->height;
+    for (int i = 0; i < m; i++) {
+        const real slope = -unit * slopes[p->order[i]];
+        const int clear = ca_clarity(real_abs(slope), 1);
+        const real rate = clear > 0 ? slope : 0;
+        if (!clear)
+            return 0;
+        room += rate * at[i];
+        if (i < along)
+            ray += rate * direction[i];
+        else
+            s->rates[r][i - along] = rate;
+    }
+    if (along)
+        s->rates[r][m - along] = ray;
+    put(s, r, r, room, 0, UNBOUNDED);
+    return room > 0;
+}
+
+/* Begin where the line of the first group does. Nonbasic are the axes, but those that move
+ * `along` this line only: for these, the distance along it. */
+static void begin_within(const ca_problem *p, int along, const real *at, simplex *s)
+{
+    const int n = CA_ROTORS(p), m = CA_AXES(p);
+    clear(p, s);
+    s->doubt = SLACK;
+    s->final = s->brief = 1;
+    s->rows = 0;
+    s->columns = m - along + (along > 0);
+    s->all_columns = s->columns + along;
+    for (int i = along; i < m; i++)
+        put(s, ROWS + i - along, n + p->order[i], at[i], -UNBOUNDED, UNBOUNDED);
+    for (int i = 0; i < along; i++)
+        put(s, ROWS + s->columns + i, n + p->order[i], at[i], at[i], at[i]);
+    if (along)
+        put(s, ROWS + m - along, s->count++, 0, 0, UNBOUNDED);
+}
+
+int ca_serve_within(const ca_problem *p, const ca_real *u, int count, const ca_plane *planes,
+                    ca_real *wrench, int *touched, ca_real *share, int *pivots)
+{
+    const int n = CA_ROTORS(p), m = CA_AXES(p), first = group_size(p, 0), along = first > 1 ? first : 0;
+    simplex s;
+    real goals[CA_M] = {0}, reference[CA_M] = {0}, at[CA_M] = {0}, ways[CA_M] = {0};
+    real direction[CA_M] = {0}, axes[CA_M];
+    *share = 1;
+    touched[0] = 1;
+    if (count > 1 || !give_way(p, u, planes, wrench)) {
+        scale(p, u, goals);
+        scale(p, p->reference, reference);
+        find_begin(p, reference, at);
+        for (int i = 0; i < along; i++)
+            ways[i] = goals[p->order[i]] - at[i];
+        for (int i = along; i < m; i++)
+            at[i] = reference[p->order[i]];
+        const real size = direction_of(along, ways, direction);
+        begin_within(p, along, at, &s);
+        for (int r = 0; r < count; r++)
+            if (!add_plane(p, &planes[r], along, at, direction, &s))
+                return 0;
+        if (along)
+            *share = push_along(&s, s.count - 1, size);
+        else
+            push(&s, n + p->order[0], goals[p->order[0]]);
+        serve_later(p, goals, reference, 1, &s, axes);
+        place_first(p, goals, at, *share, axes);
+        *pivots += s.pivots;
+        if (s.unclear)
+            return 0;
+        for (int k = 0; k < m; k++)
+            wrench[k] = real_equal(axes[k], goals[k]) ? u[k] : p->center[k] + p->extent[k] * axes[k];
+        for (int r = 0; r < count; r++)
+            touched[r] = s.held[r];
+    }
+    /* A limit on airmode is for the bounds of the thrusts. */
+    return p->thrust < 0 || wrench[p->thrust] <= u[p->thrust];
+}
+
 void ca_judge(const ca_problem *p, const ca_real *u, ca_real share, ca_real doubt, ca_served *served)
 {
     const int m = CA_AXES(p), first = group_size(p, 0);
+    const ca_real rounding = ca_min(p->rounding, ca_rounding(p, served->face.thrusts));
     served->reached = 1;
     served->level = 1;
     for (int i = 0; i < m; i++) {
@@ -802,8 +936,7 @@ void ca_judge(const ca_problem *p, const ca_real *u, ca_real share, ca_real doub
         const ca_real way = u[axis] - p->reference[axis];
         const ca_real missed = ca_abs(served->face.wrench[axis] - u[axis]);
         ca_real level = 0;
-        if (missed <= doubt * p->extent[axis] ||
-            (missed <= p->rounding && missed <= ca_rounding(p, served->face.thrusts)))
+        if (missed <= doubt * p->extent[axis] || missed <= rounding)
             continue;
         served->reached = 0;
         if (i < first && first > 1 && p->on_reference && share >= 0)

@@ -11,7 +11,7 @@ SLACK = 1e-12  # distance by which rounding may move a variable out of its bound
 RATE_MIN = 1e-9  # rate below which a variable does not block a move
 MAGNIFIED = 1e-3  # share of `doubt` below which a rate may be magnified rounding errors
 
-PIVOTS_PER_VARIABLE = 8  # limit of one push; the tests need one at most
+PIVOTS_PER_VARIABLE = 3  # limit of one push; the tests need one at most
 
 
 class Simplex:
