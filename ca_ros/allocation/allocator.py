@@ -66,6 +66,8 @@ class Allocator(ABC):
     """Whether the effectors may be vectors in sets, see `AllocationProblem`."""
     engine: str = 'NumPy'
     """What works out the thrusts."""
+    missed: Status = Status.INEXACT
+    """The status of an answer that misses only axes that the method left out; see `Reduced`."""
 
     def __init__(
         self, problem: Subject, settings: Settings | None = None, /, **given: Any

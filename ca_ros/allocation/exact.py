@@ -118,6 +118,8 @@ class Exact(Allocator):
         self._backend = backend_of(problem, settings)
         self._solve: Any = self._backend.allocate
         self.engine = self._backend.engine
+        if settings.policy == 'prioritize':
+            self.missed = Status.PRIORITIZED
 
     @classmethod
     def suited(cls, report: Audit, settings: ExactSettings) -> tuple[AllocationProblem, Any]:

@@ -49,7 +49,7 @@ def limited(allocator: Allocator) -> SlewLimited | TiltLimited | Reduced | None:
     if isinstance(allocator, Reduced):
         inner = limited(allocator.method)
         return inner and Reduced(
-            allocator.problem, inner, allocator.method.problem.axes, allocator.settings)
+            allocator.problem, allocator.method, allocator.settings, inner)
     rates, turning = allocator.problem.rates, allocator.problem.turning_rates
     if isinstance(allocator, AtRest) or (rates is None and not turning.any()):
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -29,7 +29,7 @@ def allocator_for(kind: type[Allocator], report: Audit, settings: Any) -> Alloca
     part, suited = kind.suited(report, settings)
     if part.axes == problem.axes:
         return kind(problem, suited)
-    return Reduced(problem, kind(part, suited), part.axes, settings)
+    return Reduced(problem, kind(part, suited), settings)
 
 
 def after_failures(
@@ -94,39 +94,42 @@ class Reduced(Allocator):
 
     Other axes get what the method's thrusts produce there.  An answer is EXACT only if all axes
     are met.  Where the method is exact and an axis that it does not have is missed, the answer is
-    PRIORITIZED if the method serves axes by priorities, else INEXACT.
+    what the method calls `missed`.
 
     - `problem`: of all axes
-    - `method`: what answers, with the problem of `axes`
+    - `method`: with the problem of its axes
+    - `within`: the same within rates, if these limit the answers
     """
 
     takes_vectors = True
 
     def __init__(
-        self, problem: AllocationProblem, method: Any, axes: Sequence[str], settings: Any
+        self, problem: AllocationProblem, method: Allocator, settings: Any, within: Any = None
     ) -> None:
         self.problem, self.method, self.settings = problem, method, settings
-        self.engine = getattr(method, 'engine', 'NumPy')
-        self._rows = np.array([problem.axes.index(axis) for axis in axes], dtype=int)
-        by_priorities = getattr(settings, 'policy', '') == 'prioritize'
-        self._missed = Status.PRIORITIZED if by_priorities else Status.INEXACT
+        self.engine, self.missed = method.engine, method.missed
+        self._answering: Any = method if within is None else within
+        axes = problem.axes
+        self._rows = np.array([axes.index(axis) for axis in method.problem.axes], dtype=int)
 
     def _allocate(self, u: Array) -> Allocation:
-        return self.whole(self.method.allocate(u[self._rows]), u)
+        return self.whole(self._answering.allocate(u[self._rows]), u)
 
     def allocate_within(self, u: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Allocation:
         """Allocate one wrench within narrower bounds; see `Allocator.allocate_within`."""
         demand = self.problem.check(u)
-        return self.whole(self.method.allocate_within(demand[self._rows], lower, upper), demand)
+        return self.whole(
+            self._answering.allocate_within(demand[self._rows], lower, upper), demand)
 
     def allocate_after(self, u: ArrayLike, command: Array, period: float) -> Allocation:
         """Allocate one wrench a period [s] after a command (n + k,), of a method within rates."""
         demand = self.problem.check(u)
-        return self.whole(self.method.allocate_after(demand[self._rows], command, period), demand)
+        return self.whole(
+            self._answering.allocate_after(demand[self._rows], command, period), demand)
 
     def _allocate_batch(self, demands: Array) -> AllocationBatch:
         batch: AllocationBatch = self.whole(
-            self.method.allocate_batch(demands[:, self._rows]), demands)
+            self._answering.allocate_batch(demands[:, self._rows]), demands)
         return batch
 
     def whole(self, answer: Any, u: Array) -> Any:
@@ -134,9 +137,9 @@ class Reduced(Allocator):
         exact = self.problem.is_exact(u, answer.thrusts)
         if isinstance(answer, Allocation):
             status = Status.EXACT if exact else (
-                self._missed if answer.status is Status.EXACT else answer.status)
+                self.missed if answer.status is Status.EXACT else answer.status)
             return WholeAllocation.of(self, answer, u, status)
-        found = np.where(answer.status == Status.EXACT, np.int8(self._missed), answer.status)
+        found = np.where(answer.status == Status.EXACT, np.int8(self.missed), answer.status)
         made = WholeBatch(
             self.problem, u, answer.thrusts,
             np.where(exact, np.int8(Status.EXACT), found).astype(np.int8),
@@ -177,7 +180,7 @@ class Failed(Reduced):
     def __init__(
         self, report: Audit, kind: type[Allocator], method: Allocator, settings: Any
     ) -> None:
-        super().__init__(report.full, method, method.problem.axes, settings)
+        super().__init__(report.full, method, settings)
         self._kind, self.audit = kind, report
 
     def __repr__(self) -> str:

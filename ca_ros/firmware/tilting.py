@@ -14,7 +14,7 @@ from ca_ros.arrays import Array
 from ca_ros.firmware.faults import Fault
 from ca_ros.firmware.firmware import Fields, Firmware
 from ca_ros.kernel import extension
-from ca_ros.kernel.vectored import made, padded
+from ca_ros.kernel.vectored import padded, structure
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import Box
@@ -49,7 +49,7 @@ class TiltingFirmware(Firmware):
                 f'those of the axes for the policy prioritize'
             )
         fields = (SetsNumpy(each.problem, each.suited).fields for each in faults)
-        return cls(faults, [made(module, each) for each in fields], settings, precision)
+        return cls(faults, [structure(module, each) for each in fields], settings, precision)
 
     @cached_property
     def constants(self) -> Sequence[Fields]:

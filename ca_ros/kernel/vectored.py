@@ -64,7 +64,7 @@ def _layout(module: Any) -> dict[str, tuple[str, list[int], int]]:
     return found
 
 
-def made(module: Any, fields: Mapping[str, Array | float]) -> Any:
+def structure(module: Any, fields: Mapping[str, Array | float]) -> Any:
     """Return a `Vectored` of an extension module."""
     return module.Vectored(_filled(module, fields))
 
@@ -113,7 +113,7 @@ class KernelNewton(SetsNewton):
 
     def with_policy(self, **policy: Array | float) -> Any:
         """Return a `Vectored` of the extension module; see `fields_of`."""
-        return made(self._module, self._fields | policy)
+        return structure(self._module, self._fields | policy)
 
     def solve(self, wrenches: Array) -> SetsSolution:
         size, (m, n) = len(wrenches), self.matrix.shape

@@ -82,7 +82,7 @@ class ProblemBelief(Belief):
     health_topic = topics.EFFECTOR_HEALTH
     sound = 'no effector has failed'
 
-    def heed(self, streams: Streams, answer: Callable[[], None]) -> None:
+    def subscribe(self, streams: Streams, answer: Callable[[], None]) -> None:
         """Subscribe to matrix and health."""
         create = self._node.create_subscription
         create(Float64MultiArray, topics.EFFECTIVENESS, self._receive_matrix, topics.STANDING)

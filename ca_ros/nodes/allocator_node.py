@@ -78,7 +78,7 @@ class AllocatorNode(Node):
             self, self.parameters, self.diagnostics, fall_back=self._fall_back,
             missing=self._missing)
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
-        self.belief.heed(self.streams, self._serve_held)
+        self.belief.subscribe(self.streams, self._serve_held)
         self._offer()
         self.streams.subscribe(topics.WRENCH, self._serve, messages.read_wrench)
         self.diagnostics.start(

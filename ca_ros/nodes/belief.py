@@ -69,7 +69,7 @@ class Belief:
         """The audit of the belief in force."""
         return self.current.in_force.audit
 
-    def heed(self, streams: Streams, answer: Callable[[], None]) -> None:
+    def subscribe(self, streams: Streams, answer: Callable[[], None]) -> None:
         """Subscribe to what is said of the health, and to `battery` if the voltage matters.
 
         `answer` is called after each sound message of the monitor, for what waited for it.
@@ -77,7 +77,7 @@ class Belief:
         self._answer = answer
         create, topic = self._node.create_subscription, topics.ROTOR_HEALTH
         create(topic.kind, topic.name, self._receive_health, STANDING)
-        self.heed_announcements()
+        self.subscribe_announcements()
         if not np.any(self._parameters.settings.rotors.speed_max_per_volt):
             return
         try:
@@ -89,7 +89,7 @@ class Belief:
             return
         streams.listen(BatteryState, topics.BATTERY, self._receive_battery)
 
-    def heed_announcements(self) -> None:
+    def subscribe_announcements(self) -> None:
         """Subscribe to what is announced."""
         topic, quality = topics.ANNOUNCED_HEALTH, standing(self._parameters.mode.name)
         self._node.create_subscription(

@@ -70,7 +70,7 @@ class ControllerNode(Node):
         self.watchdog = CommandWatch(
             self, self.parameters, self.diagnostics, 'state', missing=self._missing)
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
-        self.belief.heed(self.streams, self._answer_held)
+        self.belief.subscribe(self.streams, self._answer_held)
         self._wrench = self.streams.publish(topics.WRENCH)
         self._unallocated = self.streams.publish(topics.UNALLOCATED)
         # Subscriptions are served in this order, so a waypoint counts from the next state on.

@@ -118,7 +118,7 @@ class Rules:
         self._linked = self._opened = -inf
         self._request_time = self._asked = self._beat = -inf
         self._check_id, self._left_out = 0, 0
-        self._failed = self._told = False
+        self._failed = self._answered_no = False
         self._resets: int | None = None
         self._restart = True
         self._thrust: Any = None
@@ -239,10 +239,10 @@ class Rules:
                 self._register()
         elif now > max(self._asked, self._linked) + UNASKED:
             self._forget('PX4 has forgotten the mode')
-        elif self.ours and self._unanswered and not self._told:
+        elif self.ours and self._unanswered and not self._answered_no:
             # PX4 takes an answer to its last request, and need not wait for the next one.
             self._reply(False)
-        self._told = self.ours and self._unanswered
+        self._answered_no = self.ours and self._unanswered
 
     def close(self) -> None:
         """Leave PX4 to itself: a mode that ends in flight is a fail-safe at once."""

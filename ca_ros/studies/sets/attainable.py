@@ -174,7 +174,7 @@ def draw(
     The labels are those of the axes, the words the title; the figure has a width [mm].
     """
     with matplotlib.rc_context(style(width)):
-        looks = [_look(i) for i in range(len(polytopes))]
+        looks = [_style(i) for i in range(len(polytopes))]
         handles = [
             Patch(label=f'{name}: nothing' if each.empty else name, **look)
             for (name, each), look in zip(polytopes.items(), looks, strict=True)
@@ -209,7 +209,7 @@ def draw(
     return figure
 
 
-def _look(i: int) -> dict[str, Any]:
+def _style(i: int) -> dict[str, Any]:
     """Return the style of set i: sets differ in grey too."""
     dashes, opacity = LOOKS[i % len(LOOKS)]
     color = COLORS[i % len(COLORS)]

@@ -56,8 +56,8 @@ def run(options: argparse.Namespace) -> int:
     if 'thrust' in vehicle.axes:
         rotors += ' that lift {:.3g} to {:.3g} kg'.format(*lift(vehicle))
     print(f'{options.vehicle}: {vehicle.mass:.3g} kg on {rotors}\n\n{table(vehicle)}')
-    told = any(cause.kind == 'units' for cause in causes)
-    warnings = [*(cause.text for cause in causes), *report.warnings[told:]]
+    stated = any(cause.kind == 'units' for cause in causes)
+    warnings = [*(cause.text for cause in causes), *report.warnings[stated:]]
     for line in [*remains(report, options.vehicle), *(f'warning: {w}' for w in warnings)]:
         print(line)
     accept(vehicle)
