@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import ca_ros
+import user_code
 from ca_ros import (
     ALLOCATORS,
     AdmissibleSet,
@@ -195,6 +196,10 @@ HOVER = [9.81, 0.0, 0.0, 0.0]
     (lambda: SlewLimited(HEXAROTOR, 100.0), 'expected an Allocator, such as Exact(vehicle)'),
     (lambda: Vehicle(1.0, SQUARE), 'keywords alone'),
     (lambda: quadrotor(spins='cw'), "spins: expected 'cw' or 'ccw' for each rotor"),
+    (lambda: quadrotor(positions=dict(enumerate(SQUARE))), 'list its values()'),
+    (lambda: quadrotor(k_f=1e-5), 'k_f: no such keyword; did you mean thrust_coefficient?'),
+    (lambda: quadrotor(rotor_pos=SQUARE), 'did you mean positions?'),
+    (lambda: Exact(HEXAROTOR, lost_axes='drop'), 'make_allocator takes it'),
     (lambda: quadrotor(axes='yew'), "must be one of force_x, .*, got 'yew'"),
     (lambda: make_detector(HEXAROTOR, lag=0.1), 'FailureDetector has no setting lag'),
     (lambda: make_detector(HEXAROTOR, dely=0.1), 'did you mean delay?'),
@@ -270,3 +275,8 @@ def test_the_examples_of_public_names(name):
     runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
     for each in examples:
         assert runner.run(each).failed == 0, name
+
+
+def test_user_code_runs_and_audits_say_what_they_are():
+    user_code.main()
+    assert repr(audit(HEXAROTOR)).startswith('VehicleAudit: 6 rotors, axes thrust')

@@ -13,6 +13,7 @@ import pytest
 import rclpy
 
 from ca_ros import Vehicle, control_allocation_matrix, make_allocator
+from ca_ros.process.parameters import _parameters
 from ca_ros.simulation.rigid_body import RigidBody
 from ca_ros.testing import Graph, Lockstep, executable, processes
 from ca_ros.testing.domain import used
@@ -190,3 +191,9 @@ def test_steps_in_lockstep_equal_those_without_ros_to_the_last_bit(graph):
     np.testing.assert_allclose(
         [*map(float, first.split())], [*np.zeros(7), *wrenches[0]], rtol=5e-3)
     assert len(others) == 10
+
+
+def test_numbers_of_a_parameter_may_be_mixed():
+    [parameter] = _parameters({'rotors.health': [0.0, 1, 1]})
+    assert parameter.value == [0.0, 1.0, 1.0]
+    assert [type(each) for each in parameter.value] == [float] * 3

@@ -72,6 +72,8 @@ class Allocator(ABC):
     def __init__(
         self, problem: Subject, settings: Settings | None = None, /, **given: Any
     ) -> None:
+        if 'lost_axes' in given and not hasattr(self.settings_type, 'lost_axes'):
+            raise TypeError('lost_axes: make_allocator takes it; with_health keeps all axes')
         self.settings = settings_of(type(self), self.settings_type, settings, given)
         self.problem = (
             accept(problem).independent if isinstance(problem, Vehicle) else problem_of(problem)

@@ -2,16 +2,21 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import AllocationProblem
 
+Number = TypeVar('Number', float, Array)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Certificate:
+class Certificate(Generic[Number]):
     """What proves an answer; for a batch of N, each field has a leading N.
+
+    A `Number` is a float, for a batch an array (N,).
 
     - `demand` (m,)
     - `primal_residual`: |u - Gamma f| [N, N m]
@@ -32,20 +37,21 @@ class Certificate:
 
     problem: AllocationProblem
     demand: Array
-    primal_residual: float | Array
-    bound_violation: float | Array
+    primal_residual: Number
+    bound_violation: Number
     multipliers: Array
-    kkt_residual: float | Array
-    gap: float | Array
+    kkt_residual: Number
+    gap: Number
     wider: AllocationProblem
 
     @cached_property
-    def margin(self) -> Array:
+    def margin(self) -> Number:
         """Signed distance of u to the boundary of the admissible set, positive inside [N, N m].
 
         For vectors in sets an upper bound; `SupportedSet.margin_bounds` has the lower one.
         """
-        return self.problem.attainable_set.margin(self.demand)
+        margin: Any = self.problem.attainable_set.margin(self.demand)
+        return margin  # type: ignore[no-any-return]
 
     @cached_property
     def limit(self) -> Array | None:
@@ -95,14 +101,14 @@ class Certificate:
         )
 
 
-def _size(number: float | Array) -> str:
+def _size(number: Any) -> str:
     return 'below 1e-12' if number < 1e-12 else f'{number:.1e}'
 
 
 def certify(
     problem: AllocationProblem, demand: Array, thrusts: Array,
     preference: tuple[Array, Array] | None = None, bounds: tuple[Array, Array] | None = None,
-) -> Certificate:
+) -> Certificate[Any]:
     """Return the certificate of thrusts (..., n) [N] for demands (..., m) [N, N m].
 
     `preference` has the weights and the preferred thrusts, (n,) each [1, N]; `bounds` are narrower

@@ -64,7 +64,7 @@ class WholeAllocation(Allocation):
         return made
 
     @cached_property
-    def certificate(self) -> Certificate:
+    def certificate(self) -> Certificate[float]:
         """The certificate of the axes that the method has."""
         return super().certificate if self.part is None else self.part.certificate
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import Enum, IntEnum
 from functools import cached_property
@@ -93,7 +93,7 @@ class Answer:
         return self.problem.saturation(self.thrusts, self.bounds)
 
     @cached_property
-    def certificate(self) -> Certificate:
+    def certificate(self) -> Certificate[Any]:
         """The certificate, computed from the problem's data at the first access."""
         return certify(self.problem, self.demand, self.thrusts, self.preference, self.bounds)
 
@@ -161,6 +161,11 @@ class Allocation(Answer):
         if _explain is not None:
             fields['_explain'] = _explain
 
+    @cached_property
+    def certificate(self) -> Certificate[float]:
+        """The certificate, computed from the problem's data at the first access."""
+        return super().certificate
+
     def __str__(self) -> str:
         """Return the status and the wrench by axis, with the demand where it differs."""
         ends = np.round([self.wrench, self.demand], 9) + 0.0
@@ -205,9 +210,18 @@ class AllocationBatch(Answer):
     violation: Array
     preference: tuple[Array, Array] | None = None
 
+    @cached_property
+    def certificate(self) -> Certificate[Array]:
+        """The certificates of all answers."""
+        return super().certificate
+
     def __len__(self) -> int:
         """Return the number of wrenches."""
         return len(self.demand)
+
+    def __iter__(self) -> Iterator[Allocation]:
+        """Return the answers one after the other."""
+        return (self[i] for i in range(len(self)))
 
     @overload
     def __getitem__(self, i: int) -> Allocation: ...
@@ -223,6 +237,11 @@ class AllocationBatch(Answer):
         parts = self.demand[i], self.thrusts[i], Status(self.status[i])
         shares = float(self.level[i]), float(self.violation[i])
         return Allocation(self.problem, *parts, *shares, self.preference)
+
+    @property
+    def explanation(self) -> list[Explanation]:
+        """The explanation of each answer."""
+        return [answer.explanation for answer in self]
 
     def is_exact(self, tolerance: float) -> BoolArray:
         """Tell (N,) whether each axis is met; see `Allocation.is_exact`."""

@@ -231,7 +231,7 @@ class FailureDetector:
         }
         return {name: np.array(value, float) for name, value in numbers.items()}
 
-    def announce(self, health: Array, stuck: Mapping[int, float] | None = None) -> None:
+    def announce(self, health: ArrayLike, stuck: Mapping[int, float] | None = None) -> None:
         """Take what is announced, which replaces what was before; what was found holds.
 
         - `health` (n,)
@@ -267,7 +267,7 @@ class FailureDetector:
         self._named: tuple[int, ...] = ()
         self._count, self._windows = 0, Windows(self._rotors.columns)
 
-    def command(self, time: int, command: Array) -> None:
+    def command(self, time: int, command: ArrayLike) -> None:
         """Take a command with its stamp [ns]: speeds (n,) and then angles (k,) [rad/s, rad].
 
         Beyond the bounds of the vehicle, motors and servos are at these.  A command that is newer
@@ -282,14 +282,14 @@ class FailureDetector:
         self._rotors.command(time, followed)
         self._slow.command(time, followed[: self.vehicle.n])
 
-    def measure(self, time: int, speeds: Array) -> bool:
+    def measure(self, time: int, speeds: ArrayLike) -> bool:
         """Take measured rotor speeds (n,) [rad/s]; return whether the health has changed.
 
         Those that are older than the last command by more than `oldest_measurement` are ignored.
         """
         time, measured = moment_of(time), numbers_of('speeds', speeds, self.vehicle.n)
         if not (abs(measured) <= ABSURD).all():
-            raise ValueError(f'speeds {speeds}: expected {len(self._found)} numbers up to 1e100')
+            raise ValueError(f'speeds {speeds!s}: expected {len(self._found)} numbers up to 1e100')
         found = self._slow.measure(time, measured, self._found == 0.0)
         failed = [(i, share) for i, share in found or [] if self.health[i] > 0.0]
         if failed or found is None:
@@ -303,8 +303,8 @@ class FailureDetector:
         return bool(failed)
 
     def observe(
-        self, time: int, attitude: Array, velocity: Array, angular_velocity: Array,
-        specific_force: Array | None = None,
+        self, time: int, attitude: ArrayLike, velocity: ArrayLike, angular_velocity: ArrayLike,
+        specific_force: ArrayLike | None = None,
     ) -> bool:
         """Take a state; return whether the health has changed.
 
@@ -328,8 +328,8 @@ class FailureDetector:
         sound = hypot(*numbers[0]) >= 1.0 / STATE_MAX
         if not (sound and all(abs(x) <= STATE_MAX for part in numbers for x in part)):
             raise ValueError(
-                f'attitude {attitude}, velocities {velocity} and {angular_velocity}: expected a '
-                'quaternion that is not zero, and numbers up to 1e9'
+                f'attitude {attitude}, velocities {velocity!s} and {angular_velocity!s}: expected '
+                'a quaternion that is not zero, and numbers up to 1e9'
             )
         turn = ONE.copy()
         turn[:3, :3] = rotation_matrix(attitude)

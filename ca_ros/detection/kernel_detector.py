@@ -6,6 +6,7 @@ from os import environ
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array
 from ca_ros.detection.detector_settings import DetectorSettings
@@ -35,7 +36,7 @@ class KernelDetector:
         self.reset = self._kernel.reset
         self.interrupt = self._kernel.interrupt
 
-    def announce(self, health: Array, stuck: Mapping[int, float] | None = None) -> None:
+    def announce(self, health: ArrayLike, stuck: Mapping[int, float] | None = None) -> None:
         """Take the announced health (n,), as `FailureDetector` does; there are no servos."""
         self.vehicle = self.vehicle.with_health(health)
         self._kernel.announce(np.array(self.vehicle.health))

@@ -47,7 +47,7 @@ def likely_unit(length: float, mass: float) -> str:
     return min(UNITS, key=lambda unit: abs(np.log(length * UNITS[unit] / (ARM * size))))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Audit:
     """The result of an audit.
 
@@ -148,6 +148,10 @@ class Audit:
         """Return the audit in one line."""
         return self._text
 
+    def __repr__(self) -> str:
+        """Return the same, with the problem."""
+        return f'{type(self).__name__}: {self.full.described}: {self}'
+
     @cached_property
     def _text(self) -> str:
         parts = [f'{", ".join(axes)} lost ({why})' for axes, why in self._losses() if axes]
@@ -202,7 +206,7 @@ class Audit:
         return f'the {self.full.effector_kind} cannot give {self.aim}'
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class VehicleAudit(Audit):
     """The result of an audit of a vehicle."""
 
@@ -358,6 +362,6 @@ def accept(subject: Vehicle | AllocationProblem, lost_axes: str | None = None) -
         flies = '' if report.keeps_hovering else f', although {report.aim} is not attainable'
         raise ParameterError(
             f'allocation.lost_axes: this {report.subject} is refused: {report} '
-            f"('drop' accepts it {without}{flies})"
+            f"('drop' accepts it {without}{flies}; in Python lost_axes='drop' of make_allocator)"
         )
     return report

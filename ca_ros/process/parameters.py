@@ -67,4 +67,10 @@ class ParameterClient(AsyncParameterClient):
 
 
 def _parameters(values: Mapping[str, Any]) -> list[Parameter]:
-    return [Parameter(name, value=value) for name, value in values.items()]
+    return [Parameter(name, value=_alike(value)) for name, value in values.items()]
+
+
+def _alike(value: Any) -> Any:
+    """Return a list of floats in place of one of floats and integers, which ROS has not."""
+    numbers = isinstance(value, (list, tuple)) and {*map(type, value)} == {float, int}
+    return [*map(float, value)] if numbers else value

@@ -23,6 +23,16 @@ SIGNS = (
 )
 
 
+SYMBOLS = {
+    **dict.fromkeys(('k_f', 'kf', 'k_eta', 'c_t', 'ct'), 'thrust_coefficient'),
+    **dict.fromkeys(('k_tau', 'k_m', 'km', 'c_q', 'cq'), 'torque_coefficient'),
+    **dict.fromkeys(('rotor_positions', 'rotor_pos', 'arms'), 'positions'),
+    **dict.fromkeys(('directions', 'rotor_directions'), 'yaw_torque_signs'),
+    **dict.fromkeys(('j', 'i', 'moment_of_inertia'), 'inertia'), 'm': 'mass', 'n': 'count',
+}
+"""Other names of the keywords, which simulators and papers have."""
+
+
 def parameters_of(keywords: Mapping[str, Any]) -> dict[str, Any]:
     """Return parameters by name, as in a parameter file, of keywords of `Vehicle`.
 
@@ -33,6 +43,8 @@ def parameters_of(keywords: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in keywords.items():
         if value is None:
             continue
+        if name.lower() in SYMBOLS:
+            raise ParameterError(f'{name}: no such keyword; did you mean {SYMBOLS[name.lower()]}?')
         if name in ('positions', 'rotor_axes'):
             value = _rows(name, value)
         elif name == 'spins':
@@ -66,6 +78,8 @@ def ring_spins(count: int, spins: Sequence[str] | None) -> Sequence[str]:
 
 
 def _rows(name: str, value: Any) -> Any:
+    if isinstance(value, Mapping):
+        raise ParameterError(f'{name}: expected shape (n, 3), got a mapping: list its values()')
     array = np.asarray(value, dtype=float)
     if array.ndim != 2 and name == 'rotor_axes' and array.size == 3:
         return array
@@ -78,7 +92,7 @@ def _rows(name: str, value: Any) -> Any:
 def _spins(value: Any) -> Any:
     if isinstance(value, str):
         raise ParameterError(f"spins: expected 'cw' or 'ccw' for each rotor, got {value!r} alone")
-    words = [*value]
+    words = np.asarray(value).ravel().tolist()
     if any(not isinstance(word, str) for word in words):
         raise ParameterError(f'spins: got {words}: {SIGNS}')
     return words
