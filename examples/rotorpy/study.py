@@ -198,27 +198,36 @@ def interval(difference: Array, rng: np.random.Generator) -> tuple[float, float]
     return float(low), float(high)
 
 
-def table(rows: pd.DataFrame) -> str:
-    """Return recoveries by cell and method, their sums, and paired differences to `exact`."""
-    names = list(METHODS)
-    cells = rows.pivot_table(
-        'recovered', ['vehicle', 'condition'], 'method', 'sum', sort=False)[names]
-    seeds = rows['seed'].nunique()
-    lines = [f'Recovered flights of {seeds} a cell.', '',
-             '| vehicle | condition | ' + ' | '.join(names) + ' |',
-             '|---|---|' + '---|' * len(names)]  # fmt: skip
-    for (vehicle, condition), cell in cells.iterrows():
-        lines.append(f'| {vehicle} | {condition} | ' + ' | '.join(f'{x:.0f}' for x in cell) + ' |')
-    total = cells.sum()
-    lines.append(f'| sum of {seeds * len(cells)} | | ' + ' | '.join(
-        f'{x:.0f}' for x in total) + ' |')  # fmt: skip
+def row(*cells: Any) -> str:
+    """Return a row of a table."""
+    return f'| {" | ".join(map(str, cells))} |'
+
+
+def tables(rows: pd.DataFrame) -> str:
+    """Return recoveries by condition, by method with paired differences to `exact`, by cell."""
+    names, seeds = list(METHODS), rows['seed'].nunique()
+    head = [row('condition', 'of', *names), row(*['---'] * (len(names) + 2))]
+    lines = [f'Flights of {seeds} seeds a cell.', '', '## By condition', '', *head]
+    flown = rows.pivot_table('recovered', 'condition', 'method', 'count')[names[0]]
+    sums = rows.pivot_table('recovered', 'condition', 'method', 'sum', sort=False)[names]
+    for condition, counts in sums.iterrows():
+        lines.append(row(condition, flown[condition], *(f'{x:.0f}' for x in counts)))
+    total = len(rows) // len(names)
+    lines += ['', '## By method', '',
+              row('method', f'recovered of {total}', '`exact` more, in 100 [95 %]'),
+              row(*['---'] * 3)]  # fmt: skip
     wide = rows.pivot_table('recovered', ['vehicle', 'condition', 'seed'], 'method')
     rng = np.random.default_rng(0)
-    lines += ['', '| `exact` less | flights in 100 [95 %] |', '|---|---|']
-    for name in names[:-1]:
+    for name in names:
         apart = 100.0 * (wide['exact'] - wide[name]).to_numpy()
         low, high = interval(apart, rng)
-        lines.append(f'| {name} | {apart.mean():.1f} [{low:.1f}, {high:.1f}] |')
+        differs = '' if name == 'exact' else f'{apart.mean():.1f} [{low:.1f}, {high:.1f}]'
+        lines.append(row(name, f'{wide[name].sum():.0f}', differs))
+    cells = rows.pivot_table(
+        'recovered', ['vehicle', 'condition'], 'method', 'sum', sort=False)[names]
+    lines += ['', '## By cell', '', head[0].replace('condition | of', 'vehicle | condition'),
+              head[1]]  # fmt: skip
+    lines += [row(*cell, *(f'{x:.0f}' for x in counts)) for cell, counts in cells.iterrows()]
     return '\n'.join(lines) + '\n'
 
 
@@ -264,7 +273,7 @@ def main() -> int:
                 index=False, header=not done and not i, lineterminator='\n'))
             out.flush()
     rows = pd.read_csv(file).set_index([*Flight._fields]).loc[wanted].reset_index()
-    text = table(rows)
+    text = tables(rows)
     (options.out / 'study.md').write_text(text, encoding='utf-8')
     draw(rows, options.out / 'study.png')
     print(text)
