@@ -268,6 +268,12 @@ def test_a_detector_without_a_lag_warns():
         make_detector(HEXAROTOR)
 
 
+TOUCHED = (
+    'AdmissibleSet', 'Allocation', 'AllocationBatch', 'AllocationProblem', 'Exact',
+    'FailureDetector', 'SlewLimited', 'TiltLimited', 'Vehicle', 'audit', 'make_allocator')
+"""What most users call or get."""
+
+
 @pytest.mark.parametrize('name', [name for name in ca_ros.__all__ if name != 'ALLOCATORS'])
 def test_the_examples_of_public_names(name):
     examples = doctest.DocTestFinder(recurse=True).find(
@@ -275,6 +281,7 @@ def test_the_examples_of_public_names(name):
     runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
     for each in examples:
         assert runner.run(each).failed == 0, name
+    assert name not in TOUCHED or any(each.examples for each in examples)
 
 
 def test_user_code_runs_and_audits_say_what_they_are():

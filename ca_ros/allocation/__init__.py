@@ -113,6 +113,11 @@ def make_allocator(
         If the vehicle, or the problem, is refused.
     TypeError
         If the method has no such setting.
+
+    Examples
+    --------
+    >>> make_allocator('exact', Vehicle.load('x8'), policy='scale')
+    Exact: 8 rotors, axes thrust, roll, pitch, yaw, engine C, policy='scale'
     """
     kind = method_class(method)
     settings = settings_of(kind, kind.settings_type, None, options)

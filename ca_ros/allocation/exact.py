@@ -103,6 +103,15 @@ class Exact(Allocator):
     ------
     ValueError
         If an option is wrong, or the vehicle's admissible set has no volume.
+
+    Examples
+    --------
+    >>> allocator = Exact(Vehicle.load('hexarotor'), policy='scale')
+    >>> answer = allocator.allocate([9.81, 3.0, 0.0, 0.0])
+    >>> print(answer)
+    SCALED: thrust 9.81, roll 2.744 of 3, pitch 0, yaw 0
+    >>> answer.speeds.round(1)
+    array([186., 400., 400., 186.,  40.,  40.])
     """
 
     solves = 'quadratic program: min |f|^2 with Gamma f = u within the bounds'

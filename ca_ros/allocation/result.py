@@ -123,6 +123,12 @@ class Allocation(Answer):
     by_rate : (n,) array, or None
         Of vectors in sets, whether rates limit their lengths and their tilts: first and second
         component.
+
+    Examples
+    --------
+    >>> answer = Exact(Vehicle.load('hexarotor')).allocate([9.81, 3.0, 0.0, 0.0])
+    >>> print(answer.explanation)
+    roll 91 % served, limited by rotors 2, 3 at their maximum and rotors 5, 6 at their minimum
     """
 
     problem: AllocationProblem
@@ -199,7 +205,24 @@ class Allocation(Answer):
 class AllocationBatch(Answer):
     """The thrusts for N demanded wrenches; attributes and properties have a leading N.
 
-    `status` has the values of `Status` as int8; `problem` and `preference` are those of all.
+    Attributes
+    ----------
+    problem, preference
+        Those of all answers; see `Allocation`.
+    demand : (N, m) array
+    thrusts : (N, n) array
+    status : (N,) array of int8
+        The values of `Status`.
+    level, violation : (N,) arrays
+
+    Examples
+    --------
+    >>> wrenches = [[9.81, 0.0, 0.0, 0.0], [9.81, 3.0, 0.0, 0.0]]
+    >>> batch = Exact(Vehicle.load('hexarotor')).allocate_batch(wrenches)
+    >>> print(batch)
+    2 answers: 1 EXACT, 1 PRIORITIZED
+    >>> [answer.status.name for answer in batch]
+    ['EXACT', 'PRIORITIZED']
     """
 
     problem: AllocationProblem

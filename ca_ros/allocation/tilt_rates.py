@@ -49,6 +49,14 @@ class TiltLimited:
     ------
     ParameterError
         If a rate is not positive.
+
+    Examples
+    --------
+    >>> vehicle = Vehicle.load('tricopter')
+    >>> last = Exact(vehicle).allocate([vehicle.weight, 0.0, 0.0, 0.0])
+    >>> slow = TiltLimited(vehicle, speed_rate=2000.0, tilt_rate=3.0)
+    >>> print(slow.allocate([vehicle.weight, 0.0, 0.0, 0.1], last.speeds, last.angles, 0.01))
+    RATE_LIMITED: thrust 11.77, roll 0, pitch 0, yaw 0.0354 of 0.1
     """
 
     def __init__(

@@ -29,7 +29,20 @@ REACHED = 1e-9  # how far outside a reference may be, over its distance from the
 class AdmissibleSet:
     """The set A of Eq. (23): the image of the box of thrusts under Gamma, a zonotope.
 
-    Raises a ValueError if the set has no volume: the rotors cannot control the axes independently.
+    Parameters
+    ----------
+    problem : Vehicle or AllocationProblem
+
+    Raises
+    ------
+    ValueError
+        If the set has no volume: the rotors cannot control the axes independently.
+
+    Examples
+    --------
+    >>> inside = AdmissibleSet(Vehicle.load('hexarotor'))
+    >>> inside.contains([[9.81, 1.0, 0.0, 0.0], [9.81, 3.0, 0.0, 0.0]])
+    array([ True, False])
     """
 
     def __init__(self, problem: Vehicle | AllocationProblem) -> None:

@@ -49,13 +49,18 @@ def likely_unit(length: float, mass: float) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Audit:
-    """The result of an audit.
+    """The result of an `audit`.
 
     Hover stands for the reference of a problem that has no vehicle.
 
-    - `full`: the problem of all axes
-    - `independent`: the problem of the axes that the effectors can control independently
-    - `controllable`: the problem of the axes that are not lost
+    Attributes
+    ----------
+    full : AllocationProblem
+        Of all axes.
+    independent : AllocationProblem
+        Of the axes that the effectors can control independently.
+    controllable : AllocationProblem
+        Of the axes that are not lost.
     """
 
     full: AllocationProblem
@@ -328,6 +333,23 @@ def audit(subject: Vehicle | AllocationProblem) -> Audit:
     reference of the problem, is inside their admissible set: axes with other names than those of a
     vehicle from the last one on, then yaw before pitch and roll.  Thrust is never given up.  The
     health of rotors and effectors counts.
+
+    Parameters
+    ----------
+    subject : Vehicle or AllocationProblem
+
+    Returns
+    -------
+    Audit
+        Of a vehicle with what hover leaves, too: `spin_torque`, `side_force`, `warnings`.
+
+    Examples
+    --------
+    >>> report = audit(Vehicle.load('hexarotor').fail(1))
+    >>> report.lost, report.sound
+    (('yaw',), False)
+    >>> print(f"roll {report.ends('roll')} N m")
+    roll -2.34 to +2.34 N m
     """
     full = problem_of(subject)
     independent = controllability.independent_part(full)

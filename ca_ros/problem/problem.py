@@ -99,6 +99,14 @@ class AllocationProblem:
         If a shape is wrong, a number is not finite, a lower bound is above its upper bound, names
         are missing or repeated, or the range of an axis is below 1e-6, or 1e-6 of the greatest.
 
+    Examples
+    --------
+    >>> wing = AllocationProblem(
+    ...     [[-4.2, 4.2], [-1.3, -1.3]], -0.5, 0.5, axes=['roll', 'pitch'],
+    ...     effector_names=['right elevon', 'left elevon'])
+    >>> print(Exact(wing).allocate([1.0, 0.5]))
+    EXACT: roll 1, pitch 0.5
+
     Notes
     -----
     EXACT means that |u - B f| is at most 1e-12 max(1, |u|), with all axes together, or the

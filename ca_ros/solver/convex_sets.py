@@ -14,7 +14,12 @@ THIN = 1e-9  # half angle below which a sector is an interval along its axis [ra
 
 @dataclass(frozen=True)
 class Interval:
-    """The numbers from `lower` to `upper`: an effector with a fixed direction."""
+    """The numbers between two bounds: an effector with a fixed direction.
+
+    Parameters
+    ----------
+    lower, upper : float
+    """
 
     lower: float
     upper: float
@@ -32,11 +37,17 @@ class Sector:
     In the plane this is a sector: a rotor with one tilt angle.  In space it is a cone with a round
     base: a rotor on a gimbal.  With a half angle of pi it is a disc or a ball.
 
-    - `half_angle`: up to pi/2, or pi: between half a circle and a circle it is not convex [rad]
-    - `radius`: positive
-    - `size`: 2 or 3 components
-    - `least`: least component along the axis, below `radius`; zero for none.  Vectors from a
-      length `least` on are not a convex set; these are a convex part of them
+    Parameters
+    ----------
+    half_angle : float
+        Up to pi/2, or pi: between half a circle and a circle it is not convex [rad].
+    radius : float
+        Positive.
+    size : {2, 3}, default 2
+        Number of components.
+    least : float, default 0
+        Least component along the axis, below `radius`.  Vectors from a length `least` on are not a
+        convex set; these are a convex part of them.
     """
 
     half_angle: float

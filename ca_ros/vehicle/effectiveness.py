@@ -32,8 +32,23 @@ def produced(vehicle: Vehicle, thrusts: Array, angles: Array) -> Array:
 def control_allocation_matrix(vehicle: Vehicle) -> Array:
     """Return Gamma of u = Gamma f, Eqs. (8)-(9).
 
-    The matrix (m, n) has one row for each of the vehicle's commanded axes; by default u = (thrust,
-    tau_x, tau_y, tau_z), with the rows thrust [N/N] and torque x, y, z [N m/N].
+    Parameters
+    ----------
+    vehicle : Vehicle
+
+    Returns
+    -------
+    (m, n) array
+        One row for each of the vehicle's commanded axes; by default u = (thrust, tau_x, tau_y,
+        tau_z), with the rows thrust [N/N] and torque x, y, z [N m/N].
+
+    Examples
+    --------
+    >>> control_allocation_matrix(Vehicle.load('quadrotor')).round(3)
+    array([[ 1.   ,  1.   ,  1.   ,  1.   ],
+           [ 0.177,  0.177, -0.177, -0.177],
+           [-0.177,  0.177,  0.177, -0.177],
+           [ 0.02 , -0.02 ,  0.02 , -0.02 ]])
     """
     if not isinstance(vehicle, Vehicle):
         raise TypeError(f'expected a Vehicle, got {vehicle!r}')
