@@ -84,11 +84,15 @@ test-all: export CA_ROS_LONG = 1
 test-all: coverage = --cov ca_ros --cov-report term:skip-covered
 page_tools := npm clang wasm-ld
 test-all: $(if $(filter 3,$(words $(foreach tool,$(page_tools),$(shell command -v $(tool))))),\
-    explorer .venv/.browser) test test-fresh
+    explorer .venv/.browser) .venv/.rotorpy test test-fresh
 	.venv/bin/python -m benchmarks.detection --hours 0.1 --losses 6
 
 .venv/.browser: .venv/.test
 	$(or $(uv),.venv/bin/uv) pip install -q --python .venv/bin/python -e '.[browser]' && touch $@
+
+# For the flights of examples/rotorpy.
+.venv/.rotorpy: .venv/.test
+	$(or $(uv),.venv/bin/uv) pip install -q --python .venv/bin/python rotorpy==3.0.0 && touch $@
 
 # What draws its vehicles and wrenches, with others each time; SEED=... repeats a run.
 test-fresh: export CA_ROS_SEED := $(or $(SEED),$(shell date +%s))
