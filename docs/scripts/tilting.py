@@ -195,7 +195,7 @@ def instructions(name: str, size: int) -> tuple[np.ndarray, np.ndarray]:
         box, same = counting.run(built, own), counting.run(built, drawn)
         options = '-DCA_FLOAT', '-DCA_FIXED', '-DCOUNT_VECTORED', f'-I{counting.KERNEL}'
         program = counting.compiled(
-            folder / 'vectored.elf', *counting.KERNEL_FLAGS, *counting.given(boxes, folder),
+            folder / 'vectored.elf', *counting.given(boxes, folder),
             *options, counting.PROGRAM,
             *(counting.KERNEL / file for file in counting.FILES['vectored']['sources']),
         )
