@@ -74,8 +74,7 @@ class Answer:
     @property
     def command(self) -> Array:
         """What a simulated vehicle takes: the speeds, and the angles behind them (n + k,)."""
-        return vehicle_problem(self.problem).vehicle.servos.command(
-            self.speeds, lambda: self.angles)
+        return vehicle_problem(self.problem).command(self.thrusts)
 
     @property
     def wrench(self) -> Array:

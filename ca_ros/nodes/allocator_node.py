@@ -211,12 +211,12 @@ class AllocatorNode(Node):
             self._serve(held)
 
     def _serve(self, command: WrenchCommand) -> None:
-        if self.belief.waits(command.time):
+        time, mode = command.time, self._mode
+        if self.belief.waits(time):
             self._held = command
             return
         began = perf_counter_ns()
         self._counts['received'] += 1
-        time, mode = command.time, self._mode
         if fault := self._fault(command, time):
             self.diagnostics.drop(*fault)
             return

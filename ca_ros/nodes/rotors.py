@@ -21,6 +21,7 @@ class Rotors:
     A command is the rotor speeds, and after them the tilt angles, if rotors tilt [rad/s, rad].
 
     - `method`: the allocator
+    - `n`: number of rotors
     - `rows`: for each of its axes the component of the wrench (6,) that it is
     - `idle` (n + k,): the command of rotors that have not been commanded yet
     - `lost` (n,): which rotors are lost
@@ -29,17 +30,12 @@ class Rotors:
     label = 'rotor speed [rad/s]'
 
     def __init__(self, settings: Any, report: Audit) -> None:
-        self.vehicle = report.vehicle
+        self.vehicle, self.n = report.vehicle, report.vehicle.n
         self.method: Allocator = allocator_of(settings.allocation, report)
         self.within_rates = WithinRates(self.method)
         self.rows = [AXES.index(axis) for axis in self.vehicle.axes]
         self.idle: Array = self.vehicle.idle_command
         self.lost: Any = self.vehicle.lost
-
-    @property
-    def n(self) -> int:
-        """Number of rotors."""
-        return self.vehicle.n
 
     def command(self, answer: Allocation) -> Array:
         """Return the command (n + k,) of an answer."""

@@ -157,6 +157,11 @@ class VehicleProblem(AllocationProblem):
         """Return the force (n, 3) of each rotor in the body frame for components (n,) [N]."""
         return np.add.reduceat(thrusts[:, None] * self.directions, self.sets.first)
 
+    def command(self, thrusts: Array) -> Array:
+        """Return speeds (..., n) for components [N], and servo angles behind them (..., n + k)."""
+        speeds = self.vehicle.speeds(self.sets.sizes(thrusts))
+        return self.vehicle.servos.command(speeds, lambda: self.angles(thrusts))
+
     def angles(self, thrusts: Array) -> Array:
         """Return the servo angles (..., k) for components (..., n) within their limits [rad]."""
         if thrusts.ndim > 1:

@@ -448,7 +448,7 @@ class Vehicle:
         than `BOUND_ROUNDING`.
         """
         thrusts = np.asarray(thrusts, float)
-        if thrusts.ndim == 1 and len(thrusts) == self.n and self.curve.square:
+        if thrusts.ndim == 1 and len(thrusts) == len(self.arms) and self.curve.square:
             # With cold caches, as between two commands, this takes half as long as NumPy.
             speeds = []
             for f, (k, reverse, least, greatest, low, high) in zip(
