@@ -142,10 +142,7 @@ def fly(
     - `failures`: of the rotors; by default those of the plant.  Only `changes` announce them
     - `detection`: failures that it finds in a sample take effect at that sample
     """
-    states: list[Array] = []
-    velocities: list[Array] = []
-    commands: list[Array] = []
-    turning: list[Array] = []
+    samples: list[tuple[Array, ...]] = []
     plant = _plant_of(body, time_step).restarted(state)
     if failures is not None:
         plant.failures = failures
@@ -171,22 +168,19 @@ def fly(
         except ValueError as error:
             what = f'after {now / 1e9:g} s the flight diverges'
             raise FloatingPointError(f'{what}: {error}') from error
-        last = commands[-1] if commands else plant.body.vehicle.idle_command
+        last = samples[-1][2] if samples else plant.body.vehicle.idle_command
         # Before the first command the rotors have all the time that counts.
-        before = now - step_ns if commands else now - round(1e9 * PERIOD_MAX)
+        before = now - step_ns if samples else now - round(1e9 * PERIOD_MAX)
         command = pilot.allocate(wrench, last, now, before).command
         if detection:
             detection.command(now, command)
-        states.append(state)
-        velocities.append(velocity)
-        commands.append(command)
-        turning.append(plant.speeds[: plant.body.vehicle.n])
+        n = plant.body.vehicle.n
+        samples.append((state, velocity, command, plant.speeds[:n]))
         plant.step(command)
-    flown, n = np.array(states), plant.body.vehicle.n
-    nanoseconds, given = np.arange(len(flown)) * step_ns, np.array(commands)
+    flown, velocities, given, turning = map(np.array, zip(*samples, strict=True))
     return Flight(
-        nanoseconds / 1e9, flown[:, POSITION], flown[:, ATTITUDE], np.array(velocities),
-        flown[:, ANGULAR_VELOCITY], given[:, :n], given[:, n:], np.array(turning),
+        np.arange(len(flown)) * step_ns / 1e9, flown[:, POSITION], flown[:, ATTITUDE], velocities,
+        flown[:, ANGULAR_VELOCITY], given[:, :n], given[:, n:], turning,
     )
 
 
