@@ -214,8 +214,6 @@ def test_the_flight_of_bringup_gives_back_what_was_simulated(tmp_path):
     close(found.delay, 0.01, 0.1)
     for axis, ratio in zip(INERTIA, [1.4, 0.7, 1.2], strict=True):
         close(found.effectiveness[axis], ratio, 0.02)
-    # The speeds that the simulator measures have no lag.
-    assert identify(guess, [recording], measured=True).total.value < 0.005
 
 
 def test_a_stream_has_values_where_its_cells_are_filled(tmp_path):

@@ -87,8 +87,7 @@ class Recorder(Node):
         self.wrenches: dict[str, dict[int, tuple[float, ...]]] = {name: {} for name in DEMANDED}
         receivers: dict[Topic, Callable[[Any], None]] = {
             topics.SPEED_COMMAND: self._receive_command,
-            **{topic: partial(self.samples.add, topic.name)
-               for topic in (*SAMPLED, topics.TILTS, topics.MEASURED_SPEEDS)},
+            **{topic: partial(self.samples.add, topic.name) for topic in (*SAMPLED, topics.TILTS)},
         }
         receivers |= {topic: partial(self._receive_wrench, topic.path)
                       for topic in (topics.WRENCH, topics.UNALLOCATED, topics.RESIDUAL)}

@@ -202,6 +202,9 @@ class SimulatorNode(Node):
             if self.diagnostics.may_log('diverged'):
                 self.get_logger().error(f'{error}: the state is held')
         self._time += self._step_ns
+        if self._measured.get_subscription_count():
+            measured = self.plant.speeds[: self._n]
+            self._measured.publish(messages.speeds_message(measured, self._time))
         self._publish()
 
     def _publish_command(self) -> None:
@@ -211,9 +214,6 @@ class SimulatorNode(Node):
         self._speeds.publish(messages.speeds_message(speeds, self._time))
 
     def _publish(self) -> None:
-        if self._measured.get_subscription_count():
-            measured = self.plant.speeds[: self._n]
-            self._measured.publish(messages.speeds_message(measured, self._time))
         state, time = self.plant.measured, messages.stamp(self._time)
         parts = state[POSITION], state[ATTITUDE], velocity_in_body(state), state[ANGULAR_VELOCITY]
         frames = self.parameters.settings.world_frame, self.parameters.settings.command_frame

@@ -7,13 +7,10 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.messages import pose_arrays, stamp_of, twist_arrays
-from ca_ros.nodes.topics import MEASURED_SPEEDS, POSE, SPEEDS, TILTS, VELOCITY, needed
+from ca_ros.nodes.topics import POSE, SPEEDS, TILTS, VELOCITY, needed
 from ca_ros.simulation.record import Flight
 
 SAMPLED = (POSE, VELOCITY, SPEEDS)  # the topics of a sample; if rotors tilt, also `TILTS`
-
-NUMBERS = {SPEEDS.name: 'speeds', TILTS.name: 'angles', MEASURED_SPEEDS.name: 'measured'}
-"""What a message of numbers is in a sample, which may lack 'measured'."""
 
 COLUMNS = ('position', 'attitude', 'velocity', 'angular_velocity', 'speeds')
 
@@ -52,9 +49,10 @@ class Samples:
         self.newest[topic] = time
         sample = self._samples.setdefault(time, {})
         sample.update(parts)
-        self._check_rotors(parts)
-        if 'speeds' in parts and parts['speeds'].any():
-            self.begin(time)
+        if 'speeds' in parts:
+            self._check_rotors(parts['speeds'])
+            if parts['speeds'].any():
+                self.begin(time)
         if self.start is not None and self._is_complete(sample):
             self.last = time if self.last is None else max(time, self.last)
 
@@ -72,14 +70,13 @@ class Samples:
         angles = ('angles' for _ in needed((SPEEDS, TILTS), servos)[1:])
         self._columns = (*COLUMNS, *angles)
         for sample in self._samples.values():
-            self._check_rotors(sample)
+            if 'speeds' in sample:
+                self._check_rotors(sample['speeds'])
 
-    def _check_rotors(self, sample: dict[str, Array]) -> None:
-        for topic in SPEEDS.name, MEASURED_SPEEDS.name:
-            speeds = sample.get(NUMBERS[topic])
-            if speeds is not None and self._rotors not in (None, len(speeds)):
-                expected = f'expected {self._rotors}, one for each rotor of the vehicle'
-                raise CaRosError(f'{topic} has {len(speeds)} rotor speeds: {expected}')
+    def _check_rotors(self, speeds: Array) -> None:
+        if self._rotors not in (None, len(speeds)):
+            expected = f'expected {self._rotors}, one for each rotor of the vehicle'
+            raise CaRosError(f'{SPEEDS.name} has {len(speeds)} rotor speeds: {expected}')
 
     def any_complete(self) -> bool:
         """Return whether a state and rotor speeds have had the same stamp."""
@@ -113,17 +110,13 @@ class Samples:
         )
         found = [self._samples[time] for time in stamps]
         columns = {name: np.array([sample[name] for sample in found]) for name in self._columns}
-        if any('measured' in sample for sample in found):
-            columns['measured'] = np.array([
-                sample.get('measured', np.full_like(sample['speeds'], np.nan))
-                for sample in found])
         return Flight((np.array(stamps) - origin) / 1e9, **columns)
 
 
 def _parts(topic: str, message: Any) -> dict[str, Array]:
     """Return what a message adds to a sample."""
     if isinstance(message, SPEEDS.kind):
-        return {NUMBERS[topic]: np.array(message.data)}
+        return {'angles' if topic == TILTS.name else 'speeds': np.array(message.data)}
     names, arrays = COLUMNS[2:4], twist_arrays
     if isinstance(message, POSE.kind):
         names, arrays = COLUMNS[:2], pose_arrays

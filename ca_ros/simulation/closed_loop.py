@@ -127,8 +127,7 @@ def fly(
 ) -> Flight:
     """Fly to a waypoint; return one sample at each step up to the `duration` [s].
 
-    The samples have the measured states, the commanded rotor speeds and tilt angles, and the true
-    rotor speeds.  Raises a
+    The samples have the measured states and the commanded rotor speeds and tilt angles.  Raises a
     FloatingPointError if the flight diverges because the gains or the steps are too large, or a
     ValueError if a time step is given for a plant.
 
@@ -174,13 +173,13 @@ def fly(
         command = pilot.allocate(wrench, last, now, before).command
         if detection:
             detection.command(now, command)
-        n = plant.body.vehicle.n
-        samples.append((state, velocity, command, plant.speeds[:n]))
+        samples.append((state, velocity, command))
         plant.step(command)
-    flown, velocities, given, turning = map(np.array, zip(*samples, strict=True))
+    flown, velocities, given = map(np.array, zip(*samples, strict=True))
+    n = plant.body.vehicle.n
     return Flight(
         np.arange(len(flown)) * step_ns / 1e9, flown[:, POSITION], flown[:, ATTITUDE], velocities,
-        flown[:, ANGULAR_VELOCITY], given[:, :n], given[:, n:], turning,
+        flown[:, ANGULAR_VELOCITY], given[:, :n], given[:, n:],
     )
 
 
