@@ -4,6 +4,7 @@ import doctest
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import ca_ros
@@ -24,6 +25,8 @@ from ca_ros import (
     make_allocator,
     make_detector,
 )
+from ca_ros.studies.dynamic.study import dynamic_study
+from ca_ros.studies.static.study import static_study
 from ca_ros.vehicle.files import shipped_tilting, shipped_vehicles
 from strategies import ring
 
@@ -172,6 +175,27 @@ def test_rates_by_a_method_of_the_allocator():
     np.testing.assert_array_equal(one.thrusts, two.thrusts)
     with pytest.raises(ValueError, match='give rates'):
         allocator.within_rates()
+
+
+# Studies
+
+def test_studies_return_the_rows_of_their_files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    options = {'methods': ['exact', 'pseudo_inverse'], 'param': ['vehicle.mass:=1.1']}
+    for study, name, more in (
+            (static_study, 'static', {'samples': 20}),
+            (dynamic_study, 'dynamic', {'duration': 0.1})):
+        rows = study(**options, **more, out=tmp_path / name, figures='none')
+        written = pd.read_csv(tmp_path / name / f'{name}.csv')
+        assert set(rows['method']) == {'exact', 'pseudo_inverse'}
+        assert (len(rows), [*rows.columns]) == (len(written), [*written.columns])
+        # Without a folder no file is written.
+        assert len(study(**options, **more)) == len(rows)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['dynamic', 'static']
+    with pytest.raises(ValueError, match="--samples: '-1' is not a positive"):
+        static_study(samples=-1)
+    with pytest.raises(ca_ros.CaRosError, match="no method 'wls'; did you mean weighted_least_sq"):
+        static_study(methods='wls')
 
 
 # What is wrong

@@ -358,7 +358,7 @@ def test_answers_that_are_none_are_reported():
 
 @pytest.mark.parametrize(('arguments', 'code', 'words'), [
     (['--vehicle', 'nowhere'], 1, 'nowhere: neither a file nor a shipped vehicle'),
-    (['--methods', 'exakt'], 1, "no method 'exakt'; there are exact"),
+    (['--methods', 'exakt'], 1, r"no method 'exakt'; did you mean exact\?; there are exact"),
     (['--vehicle', 'admire', '--methods', 'betaflight_mixer'], 1, 'is for multirotors'),
     (['--vehicle', 'admire', '-p', 'vehicle.mass:=1'], 1, 'vehicle.mass: no such parameter'),
     (['--vehicle', 'admire', '-p', 'allocation.exact.policy:=none'], 1, 'policy: .*none'),

@@ -14,6 +14,7 @@ from ca_ros.allocation.reconfiguration import Reconfiguration
 from ca_ros.allocation.settings import MethodSettings, allocator_of, own_methods
 from ca_ros.control.controller import Controller
 from ca_ros.detection.kernel_detector import Detector, make_detector
+from ca_ros.errors import suggestion
 from ca_ros.parameter_files import FileSettings
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.files import read_problem
@@ -194,7 +195,8 @@ def methods_of(text: str) -> list[str]:
         if not (word in {*SETS, *ALLOCATORS, *FOR_COMPARISON} or names_class(word)):
             known = f'{", ".join([*ALLOCATORS, *FOR_COMPARISON])}, {" and ".join(SETS)}'
             more = f'{known} for several, and module:Class for your own'
-            raise ValueError(f'no method {word!r}; there are {more}')
+            hint = suggestion(word, [*ALLOCATORS, *FOR_COMPARISON])
+            raise ValueError(f'no method {word!r}{hint}; there are {more}')
         names += SETS.get(word, (word,))
     return list(dict.fromkeys(names))
 

@@ -3,8 +3,14 @@
 import argparse
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stderr
+from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import pandas as pd
 
 from ca_ros.allocation import ALLOCATORS, Allocator
 from ca_ros.arguments import HelpFormatter
@@ -12,6 +18,9 @@ from ca_ros.errors import CaRosError, message
 from ca_ros.figures import add_options
 from ca_ros.studies.cases import Case, methods_of
 from ca_ros.studies.comparison import FOR_COMPARISON
+
+Study = Callable[[argparse.Namespace], tuple[pd.DataFrame, str]]
+"""Does a study; returns its rows, and what its command prints."""
 
 
 def parser(prog: str, description: str) -> argparse.ArgumentParser:
@@ -59,15 +68,16 @@ def case_of(
     return case, allocators
 
 
-def concluded(prog: str, study: Callable[[], None]) -> int:
-    """Do a study; return its exit code: 1 after an error, 130 after Ctrl-C, in one line each.
+def concluded(prog: str, study: Study, options: argparse.Namespace) -> int:
+    """Do a study and print its text; return the exit code.
 
-    Errors in a method of the user's own are shown with their traceback.
+    It is 1 after an error, 130 after Ctrl-C, told in one line each.  Errors in a method of
+    the user's own are shown with their traceback.
     """
     # Shells start background processes with SIGINT ignored.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        study()
+        print(study(options)[1])
     except (CaRosError, FloatingPointError, OSError) as error:
         print(f'{prog}: {message(error)}', file=sys.stderr)
         return 1
@@ -75,6 +85,31 @@ def concluded(prog: str, study: Callable[[], None]) -> int:
         print(f'{prog}: interrupted{stop}', file=sys.stderr)
         return 130
     return 0
+
+
+def called(
+    parse: Callable[[Sequence[str]], argparse.Namespace], study: Study, options: Mapping[str, Any]
+) -> pd.DataFrame:
+    """Do a study with the options of its command by name; return its rows.
+
+    Without `out` no file is written.  Raises a ValueError if an option is wrong.
+    """
+    words, complaint = list[str](), StringIO()
+    for name, value in options.items():
+        flag = f'--{name.replace("_", "-")}'
+        several = [*value] if isinstance(value, (list, tuple)) else [value]
+        if name != 'param' and len(several) > 1:
+            several = [','.join(map(str, several))]
+        words += [flag if each is True else f'{flag}={each}' for each in several]
+    with TemporaryDirectory() as folder:
+        try:
+            with redirect_stderr(complaint):
+                found = parse([*words, *([] if 'out' in options else [f'--out={folder}'])])
+        except SystemExit:
+            raise ValueError(complaint.getvalue().strip().rpartition('error: ')[2]) from None
+        if 'out' not in options:
+            found.figures = None
+        return study(found)[0]
 
 
 def natural(text: str) -> int:

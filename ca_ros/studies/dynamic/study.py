@@ -3,7 +3,7 @@
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
-from functools import partial
+from typing import Any
 
 import pandas as pd
 from tqdm import tqdm
@@ -33,7 +33,7 @@ from ca_ros.studies.dynamic.metrics import (
 from ca_ros.studies.dynamic.plots import ROWS, draw
 from ca_ros.studies.dynamic.tables import document, observations
 from ca_ros.studies.result_files import facts, write
-from ca_ros.studies.study_cli import case_of, concluded, parser
+from ca_ros.studies.study_cli import called, case_of, concluded, parser
 from ca_ros.studies.tables import render
 from ca_ros.vehicle.state import NULL_STATE
 
@@ -44,17 +44,35 @@ FOR_MANOEUVRES = {'vehicle', 'methods', 'param', 'out', 'manoeuvres', 'seeds'}
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; return its exit code, 130 after Ctrl-C."""
     options = _parse(sys.argv[1:] if argv is None else argv)
-    return concluded('dynamic_study', partial(_study, options))
+    return concluded('dynamic_study', _study, options)
 
 
-def _study(options: argparse.Namespace) -> None:
-    """Fly, write all files and print dynamic.md."""
+def dynamic_study(**options: Any) -> pd.DataFrame:
+    """Fly; return a row for each moment and method, as in dynamic.csv.
+
+    With `manoeuvres` it has a row for each flight, as manoeuvres.csv.
+
+    Parameters
+    ----------
+    **options
+        Those of the command: ``vehicle='x8', duration=5.0, fail='1@2'``.  With `out`, a folder,
+        its files are written, too.
+
+    Raises
+    ------
+    ValueError, CaRosError
+        If an option is wrong.
+    """
+    return called(_parse, _study, options)
+
+
+def _study(options: argparse.Namespace) -> tuple[pd.DataFrame, str]:
+    """Fly and write all files; return the rows, and what is printed."""
     case, allocators = case_of(options, flying=True)
     options.out.mkdir(parents=True, exist_ok=True)
     if options.manoeuvres is not None:
-        print(_fly_manoeuvres(case, allocators, options))
-        print(f'written: manoeuvres.csv, .json and .md in {options.out}')
-        return
+        rows, text = _fly_manoeuvres(case, allocators, options)
+        return rows, f'{text}\nwritten: manoeuvres.csv, .json and .md in {options.out}'
     if 'margin' in options.plot_rows and not has_margin(case.problem):
         raise ParameterError('--plot-rows margin: expected a vehicle whose rotors do not tilt')
     failures = failures_of(options, case.vehicle)
@@ -69,8 +87,8 @@ def _study(options: argparse.Namespace) -> None:
         for name, flight in flights.items()
     }
     changes = {name: [*changes[name], *case.detected(name, found[name])] for name in flights}
-    print(_write(case, flights, changes, found, options))
-    print(f'written: dynamic.csv, .json, .md and plots in {options.out}')
+    rows, text = _write(case, flights, changes, found, options)
+    return rows, f'{text}\nwritten: dynamic.csv, .json, .md and plots in {options.out}'
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -123,8 +141,8 @@ def _rows(text: str) -> list[str]:
 
 def _fly_manoeuvres(
     case: Case, allocators: Mapping[str, Allocator], options: argparse.Namespace
-) -> str:
-    """Fly each manoeuvre of each seed with each method; write the files, return manoeuvres.md."""
+) -> tuple[pd.DataFrame, str]:
+    """Fly each manoeuvre of each seed with each method; return rows and manoeuvres.md."""
     names = options.manoeuvres.split(',')
     rows = tqdm(
         fly_seeds(case, list(allocators), names, options.seeds), unit=' flights', disable=None,
@@ -136,7 +154,7 @@ def _fly_manoeuvres(
         **(about := facts(case, 'dynamic_study', options)),
     )
     write(options.out / 'manoeuvres', found, about, text)
-    return text
+    return found, text
 
 
 def _fly(
@@ -157,8 +175,8 @@ def _fly(
 def _write(
     case: Case, flights: Mapping[str, Flight], changes: Mapping[str, Sequence[Change]],
     detected: Mapping[str, Found], options: argparse.Namespace,
-) -> str:
-    """Write all files; return dynamic.md."""
+) -> tuple[pd.DataFrame, str]:
+    """Write all files; return the rows of dynamic.csv, and dynamic.md."""
     goal = options.goals.last
     out, failures = options.out, failures_of(options)
     last = failures.after(case.vehicle, round(options.duration * 1e9))
@@ -193,7 +211,7 @@ def _write(
     study = Flights(flights, samples, case.vehicle, options.goals, failures, times)
     if options.figures:
         draw(out, study, options.figures, options.figure_width, options.plot_rows)
-    return text
+    return rows, text
 
 
 def _named(case: Case, found: Found) -> str:

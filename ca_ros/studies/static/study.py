@@ -3,7 +3,6 @@
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
-from functools import partial
 from math import isfinite
 from typing import Any
 
@@ -20,7 +19,7 @@ from ca_ros.studies.result_files import facts, write
 from ca_ros.studies.static.chunks import StaticChunks, Summary, merged
 from ca_ros.studies.static.plots import draw
 from ca_ros.studies.static.tables import document, standard_error
-from ca_ros.studies.study_cli import case_of, concluded, natural, parser
+from ca_ros.studies.study_cli import called, case_of, concluded, natural, parser
 from ca_ros.studies.wrench_metrics import metrics
 from ca_ros.studies.wrench_sets import SAMPLINGS
 
@@ -33,11 +32,34 @@ KEPT = 10_000  # the first samples, for the plots and the metrics of `wrench_met
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; return its exit code, 130 after Ctrl-C."""
     options = _parse(sys.argv[1:] if argv is None else argv)
-    return concluded('static_study', partial(_study, options))
+    return concluded('static_study', _study, options)
 
 
-def _study(options: argparse.Namespace) -> None:
-    """Do the study, write its files and print the table."""
+def static_study(**options: Any) -> pd.DataFrame:
+    """Do the study; return a row for each wrench and method, as in static.csv.
+
+    Parameters
+    ----------
+    **options
+        Those of the command: ``vehicle='x8', methods='exact,direct', samples=200``.  With `out`,
+        a folder, its files are written, too.
+
+    Raises
+    ------
+    ValueError, CaRosError
+        If an option is wrong.
+
+    Examples
+    --------
+    >>> rows = static_study(methods='exact,pseudo_inverse', samples=200)
+    >>> rows.groupby('method')['force_error'].max().round(2).to_dict()
+    {'exact': 0.0, 'pseudo_inverse': 1.12}
+    """
+    return called(_parse, _study, options)
+
+
+def _study(options: argparse.Namespace) -> tuple[pd.DataFrame, str]:
+    """Do the study and write its files; return the rows, and what is printed."""
     case, allocators = case_of(options)
     options.out.mkdir(parents=True, exist_ok=True)
     batch = options.samples > SINGLE_MAX
@@ -50,9 +72,9 @@ def _study(options: argparse.Namespace) -> None:
     task = StaticChunks(case, list(allocators), *drawn, size, step, batch, rows)
     count = -(-options.samples // size)
     parts = compute(task, count, options, unit=' samples', unit_scale=size)
-    text = _write(case, allocators, parts, options)
-    print(text.partition('\n## ')[0])
-    print(f'written: static.csv, .json, .md and plots in {options.out}')
+    frame, text = _write(case, allocators, parts, options)
+    written = f'written: static.csv, .json, .md and plots in {options.out}'
+    return frame, text.partition('\n## ')[0] + '\n' + written
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -81,8 +103,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
 def _write(
     case: Case, allocators: Mapping[str, Allocator],
     parts: Sequence[tuple[list[pd.DataFrame], dict[str, Summary]]], options: argparse.Namespace,
-) -> str:
-    """Write all files; return static.md."""
+) -> tuple[pd.DataFrame, str]:
+    """Write all files; return the rows of static.csv, and static.md."""
     rows = pd.concat([rows for kept, _ in parts for rows in kept], ignore_index=True)
     methods = {name: merged([own[name] for _, own in parts]) for name in allocators}
     samples = options.samples
@@ -101,13 +123,14 @@ def _write(
         'left_out': case.left_out,
     }
     text = document(found)
-    write(options.out / 'static', rows.drop(columns='violation'), found, text)
+    kept = rows.drop(columns='violation')
+    write(options.out / 'static', kept, found, text)
     times = {name: own['time'] for name, own in methods.items()}
     if options.figures:
         style = options.figures, options.figure_width
         admissible = AdmissibleSet(case.problem)
         draw(options.out, admissible, allocators, rows, times, found['timing'], *style)
-    return text
+    return kept, text
 
 
 def _metrics(
