@@ -541,15 +541,36 @@ def test_a_wrong_lag_or_delay_is_warned_of(with_a_failure, source, lag, delay, s
     case, flight = with_a_failure
     check = LagCheck(case.vehicle, replace(SETTINGS, motor_time_constant=lag, delay=delay))
     turning = np.zeros(8)
-    for i in range(200):
-        check.observe(i * 10_000_000, flight.angular_velocity[i], np.ones(8))
+    # The first seconds after the ground do not count.
+    hover = np.full((210, 8), flight.speeds[0].mean())
+    sent = np.concatenate([hover, flight.speeds[:200]])
+    omega = np.concatenate([np.zeros((210, 3)), flight.angular_velocity[:200]])
+    for i, speeds in enumerate(sent):
+        check.observe(i * 10_000_000, omega[i], np.ones(8))
         if source == 'measured speeds':
             check.measure(turning, np.ones(8))
-        check.command(i * 10_000_000, flight.speeds[i])
-        turning = lagged(0.05, turning, flight.speeds[i - 1] if i else turning, 0.01)
+        check.command(i * 10_000_000, speeds)
+        turning = lagged(0.05, turning, sent[i - 1] if i else turning, 0.01)
     fault = 'lag and delay of the motors are about .. ms, but .* are '
     assert re.fullmatch(fault + re.escape(sums) if sums else '', check.fault), check.fault
     assert check.total == pytest.approx(0.06, abs=0.0101)
+
+
+def test_a_longest_lag_that_is_the_least_wrong_is_no_estimate():
+    # The vehicle turns as no command asked for: a launch by hand, a stream that is late.
+    check, rng = LagCheck(HEXAROTOR, SETTINGS), np.random.default_rng(1)
+    commands = 250.0 + 60.0 * np.cumsum(rng.standard_normal((900, 6)), axis=0) / 8.0
+    rotors = CommandedRotors(HEXAROTOR, replace(SETTINGS, motor_time_constant=0.4))
+    omega, inertia = np.zeros(3), HEXAROTOR.inertia
+    for i, command in enumerate(np.clip(commands, 50.0, 400.0)):
+        if i:
+            given = rotors.given((i - 1) * 10_000_000, i * 10_000_000)[3:].sum(axis=1)
+            omega = 0.98 * omega + 0.01 * np.linalg.solve(inertia, given)
+        check.observe(i * 10_000_000, omega, np.ones(6))
+        for each in (check, rotors):
+            each.command(i * 10_000_000, command)
+    assert check.total is None
+    assert check.fault == ''
 
 
 def test_a_vehicle_at_rest_shows_no_lag():

@@ -80,6 +80,22 @@ def test_an_injected_loss_moves_the_vehicle_as_a_real_one():
     assert abs(lost.values['gyro'][after] - recording.values['gyro'][after]).max() > 1.5
 
 
+def test_a_loss_is_injected_however_many_commands_are_recorded():
+    vehicle, recording, _ = recorded()
+    times = recording.times['command']
+    often = Recording(
+        {**recording.times, 'command': np.concatenate([times, times + 3e-3, times + 6e-3])},
+        {**recording.values, 'command': np.tile(recording.values['command'], (3, 1))}, 'often')
+    order = np.argsort(often.times['command'])
+    for each in (often.times, often.values):
+        each['command'] = each['command'][order]
+    motion = motion_of(vehicle, recording)
+    once, thrice = (
+        without_rotor(vehicle, each, SETTINGS, motion, 2, 1.0) for each in (recording, often))
+    assert abs(once.gyro - motion.gyro[:len(once.gyro)]).max() > 0.5
+    np.testing.assert_allclose(thrice.gyro, once.gyro, atol=1e-2)
+
+
 def test_the_command_reads_a_flight_and_the_settings_of_the_vehicle(tmp_path, capsys):
     file = tmp_path / 'flight.csv'
     recorded(2)[2].write_csv(file)

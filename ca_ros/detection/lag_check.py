@@ -11,11 +11,13 @@ from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 LAGS: Array = np.linspace(0.005, 0.16, 32)  # candidates [s]
 SLOW = 0.5  # time over which errors of the prediction are learnt as disturbances [s]
-MEMORY = 3000.0  # number of samples over which old ones are forgotten
+MEMORY = 30.0  # time over which old samples are forgotten [s]
+WHITE = 0.01  # time after which the errors of a sample are new [s]
 ERROR_MAX = 10.0  # greatest error of an angular velocity that a lag explains [rad/s]
 CLEAR = 30.0  # lead of a lag in the logarithm of the likelihood, from which it counts
 GAIN = 0.5, 2.0  # bounds of the true torques over those that are predicted
 EXPLAINED = 0.3  # least share of the variance that the best prediction explains
+LAUNCH = 2.0  # time after the ground in which the motion shows nothing [s]
 SHARE, LEAST, MOST = 0.5, 0.018, 0.04
 """A set lag is warned of if it is off by more than this share of it, but at least and at most
 these times [s]."""
@@ -28,7 +30,8 @@ class LagCheck:
     best gain for each axis, within bounds, is fitted with it; the lag with the least squares of
     errors is the likeliest, the errors taken as white (output error method: Ljung, System
     Identification, 1999, section 4.2).  It counts if it explains enough of what is measured: a
-    vehicle that hardly moves would else show the lag that predicts nothing.  Only the sum of lag
+    vehicle that hardly moves would else show the lag that predicts nothing.  The longest candidate
+    shows nothing either.  Only the sum of lag
     and delay can be estimated: a delay that is longer by some milliseconds looks like a lag that
     is longer by as much, so the set delay counts as known.  Where rotor speeds are measured, the
     errors of the predicted speeds take the place of those of the motion.
@@ -41,7 +44,7 @@ class LagCheck:
         self._time: int | None = None
         self._predicted = self._slow = np.zeros((len(LAGS) + 1, 3))
         self._squares, self._count = np.zeros((3, len(LAGS), 3)), 0.0
-        self._measured = False
+        self._measured, self._flown, self._step = False, 0.0, 0.0
 
     @property
     def total(self) -> float | None:
@@ -80,7 +83,8 @@ class LagCheck:
     def _explains(self, best: int) -> bool:
         """Return whether a candidate explains enough of what is measured."""
         left = self._rests()[best] / np.maximum(self._squares[0, best], 1e-12)
-        return bool(left.min() < 1.0 - EXPLAINED)
+        # The longest one may only be the least wrong, such as in a take-off.
+        return bool(left.min() < 1.0 - EXPLAINED) and best < len(LAGS) - 1
 
     def command(self, time: int, command: Array) -> None:
         """Take a command with its stamp [ns], as `FailureDetector.command` does."""
@@ -90,11 +94,12 @@ class LagCheck:
     def observe(self, time: int, angular_velocity: Array, health: Array) -> None:
         """Take the angular velocity (3,) [rad/s] at a time [ns], and the health (n,)."""
         last, self._time = self._time, time
-        step = 0.0 if last is None else (time - last) / 1e9
+        self._step = step = 0.0 if last is None else (time - last) / 1e9
         if last is None or not 0.0 < step < SLOW:
             self._predicted = np.tile(angular_velocity, (len(LAGS) + 1, 1))
-            self._slow = self._predicted
+            self._slow, self._flown = self._predicted, 0.0
             return
+        self._flown += step
         turned = cross(angular_velocity, self._inertia @ angular_velocity)
         thrusts = health * self._rotors.thrusts(last, time)
         torques = thrusts @ self._rotors.wrenches[3:].T - turned
@@ -103,7 +108,8 @@ class LagCheck:
         self._predicted = np.concatenate([angular_velocity[None], turned])
         self._slow = self._slow + step / SLOW * (self._predicted - self._slow)
         quick = self._predicted - self._slow
-        if not self._measured and (abs(quick[0] - quick[1:]) <= ERROR_MAX).all():
+        counts = not self._measured and self._flown > LAUNCH
+        if counts and (abs(quick[0] - quick[1:]) <= ERROR_MAX).all():
             self._add(quick[:1], quick[1:])
 
     def interrupt(self) -> None:
@@ -120,7 +126,8 @@ class LagCheck:
 
     def _add(self, measured: Array, predicted: Array) -> None:
         """Add what is measured (1, k) and what each candidate predicts (C, k)."""
-        keep = 1.0 - 1.0 / MEMORY
+        keep, weight = 1.0 - self._step / MEMORY, min(self._step / WHITE, 1.0)
         products = np.stack(np.broadcast_arrays(
             measured**2, measured * predicted, predicted**2 * np.ones((len(LAGS), 1))))
-        self._squares, self._count = keep * self._squares + products, keep * self._count + 1.0
+        self._squares = keep * self._squares + weight * products
+        self._count = keep * self._count + weight

@@ -1,6 +1,6 @@
 """A recorded flight through the detector: what it would have named, and when."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ca_ros.vehicle.state import cross, rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 LAUNCH = 2.0  # after the ground [s]
+LANDING = 1.0  # before the vehicle stands [s]
 WAIT = 2.0  # in which an injected loss is to be named [s]
 LEVELLING = 0.3  # rate at which the accelerometer levels an attitude that is not recorded [1/s]
 LEAK = 0.5  # rate at which a velocity that is not recorded is forgotten [1/s]
@@ -28,7 +29,8 @@ class Naming:
     - `rotors`: counted from 0
     - `health`: what each is left
     - `margin`: lead of the evidence over that of a disturbance, a natural logarithm
-    - `phase`: 'launch', within `LAUNCH` s after the ground, or 'flight'
+    - `phase`: 'launch', within `LAUNCH` s after the ground, 'landing', within `LANDING` s before
+      it, or 'flight'
     """
 
     time: float
@@ -157,6 +159,10 @@ def replay(
             detector.command(round(1e9 * (sent[next_command] - begin)), commands[next_command])
             next_command += 1
         step = now - motion.times[i - 1] if i else 0.0
+        if detector.standing and off_ground:
+            named = [
+                replace(each, phase='landing') if now - begin - each.time < LANDING else each
+                for each in named]
         off_ground = 0.0 if detector.standing else off_ground + step
         in_air += step * (not detector.standing)
         probabilities[i] = detector.probabilities
@@ -180,8 +186,8 @@ def without_rotor(
     """
     rotors = CommandedRotors(vehicle, settings)
     begin = motion.times[0]
-    for sent, command in zip(recording.times['command'], recording.values['command'], strict=True):
-        rotors.command(round(1e9 * (sent - begin)), rotors.bounds.followed(command))
+    sent, commands = recording.times['command'], recording.values['command']
+    next_command = 0
     column = rotor_wrenches(vehicle)[:, rotor]
     turn_rate = np.linalg.solve(inertia_of(vehicle), column[3:])
     kept = motion.times <= begin + time + WAIT
@@ -193,6 +199,11 @@ def without_rotor(
         if now <= last:
             continue
         ends = [round(1e9 * (each - begin)) for each in (last, now)]
+        # Only so many commands may wait.
+        while next_command < len(sent) and sent[next_command] <= now:
+            command = rotors.bounds.followed(commands[next_command])
+            rotors.command(round(1e9 * (sent[next_command] - begin)), command)
+            next_command += 1
         thrust = rotors.thrusts(*ends)[rotor]
         if now - begin < time:
             continue

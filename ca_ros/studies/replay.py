@@ -75,12 +75,12 @@ def report(name: str, found: Replay) -> list[str]:
     lines += [f'    {note}' for note in found.notes]
     if not found.named:
         return [*lines, 'nothing is named']
-    lines.append('time [s]  phase   rotors    health      margin over a disturbance')
+    lines.append('time [s]  phase    rotors    health      margin over a disturbance')
     for each in found.named:
         rotors = ', '.join(str(i + 1) for i in each.rotors)
         health = ', '.join(f'{share:.2f}' for share in each.health)
         lines.append(
-            f'{each.time:8.2f}  {each.phase:6s}  {rotors:8s}  {health:10s}  {each.margin:.1f}')
+            f'{each.time:8.2f}  {each.phase:7s}  {rotors:8s}  {health:10s}  {each.margin:.1f}')
     return lines
 
 
