@@ -78,7 +78,8 @@ def scenario(planned=(), mode='lockstep', waypoints=1, recorder=None, delay=0.1,
         tuple(range(waypoints)), (Waypoint.of(0.0, 0.0, 1.0, 0.0),) * waypoints)
     failures = RotorFailures(tuple(planned), delay)
     vehicle = Vehicle.load('hexarotor')
-    return Scenario(recorder, trajectory, failures, words, mode, vehicle)
+    listeners = 'allocator', 'controller'
+    return Scenario(recorder, trajectory, failures, words, mode, vehicle, listeners)
 
 
 def test_a_plant_that_cannot_have_the_failures_is_refused():
