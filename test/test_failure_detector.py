@@ -710,9 +710,9 @@ def test_the_evidence_is_a_ratio_of_gaussian_densities():
     find = HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR))
     age, lacked, given, _, (variance,) = windows(np.random.default_rng(0), lost=0.6)
     lateral = np.array([[0.024, -0.012]])
-    found = find(age, lacked, given, lateral, variance[None], np.ones(6))
+    found = find(age, lacked, given, lateral, variance[None], np.ones(6), np.zeros(6), 0.01)
     nothing = density(lacked[0], variance)
-    levers = np.array([1.0, 1.0, 1.0, 0.4, 0.4, np.hypot(0.04, 0.04)])
+    levers = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])
     wide = variance + (0.16 * HEXAROTOR.weight / 6.0 * levers) ** 2
     np.testing.assert_allclose(
         found.disturbance, density(lacked[0], wide) - nothing, rtol=1e-9)
@@ -748,7 +748,7 @@ def test_pushes_and_feet_are_disturbances(kind):
             'push': np.concatenate([force, np.cross([*rng.uniform(-0.4, 0.4, 2), 0.0], force)]),
             'foot': 1.6 * wrenches[:, 3] * [0, 0, 1, 1, 1, 0], 'loss': -1.6 * wrenches[:, 0],
         }[kind]
-        found = find(age, lacked + age[0] * impulse, given, lateral, variance, np.ones(6))
+        found = find(age, lacked + age[0] * impulse, given, lateral, variance, np.ones(6), np.zeros(6), 0.01)
         assert found.named == ((0,) if kind == 'loss' else ())
         assert kind == 'loss' or found.disturbance > max(20.0, found.evidence.max())
 
@@ -776,7 +776,7 @@ def test_the_score_of_a_servo_is_the_reduction_of_chi_square_at_its_angle():
 
 def test_noise_names_nobody():
     find, rng = HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR)), np.random.default_rng(1)
-    found = [find(*windows(rng), np.ones(6)) for _ in range(2000)]
+    found = [find(*windows(rng), np.ones(6), np.zeros(6), 0.01) for _ in range(2000)]
     assert {each.named for each in found} == {()}
     # By Bayes' rule evidence of x is as rare as exp(-x).
     assert np.mean([each.disturbance > 1.0 for each in found]) < 0.37
@@ -788,4 +788,4 @@ def test_two_opposite_rotors_may_be_a_load():
     age, _, given, lateral, variance = windows(np.random.default_rng(0))
     for second, named in ((1, (0, 1)), (3, ())):
         lacked = -1.6 * 0.16 * (0.9 * wrenches[:, 0] + 0.9 * wrenches[:, second])
-        assert find(age, lacked[None], given, lateral, variance, np.ones(6)).named == named
+        assert find(age, lacked[None], given, lateral, variance, np.ones(6), np.zeros(6), 0.01).named == named

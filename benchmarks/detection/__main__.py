@@ -19,6 +19,7 @@ from benchmarks.detection.conditions import CAUSES, CONTACTS, FLOWN, LOSSES
 from benchmarks.detection.flights import (
     DURATION,
     POOLED,
+    PUBLISHED,
     TUNING,
     VEHICLES,
     Count,
@@ -44,13 +45,13 @@ def _blocks(first: int, count: int) -> list[range]:
 
 def _jobs(options: argparse.Namespace) -> list[tuple[Callable[[Any], Any], tuple[Any, ...]]]:
     """Return what is to be flown: a function, and its argument."""
-    first = TUNING if options.publish else options.first
+    first = PUBLISHED if options.publish else options.first
     flights = round(options.hours * 3600.0 / DURATION)
     contacts, acting = (round(h * 3600.0 / DURATION) for h in (options.mujoco, options.acting))
     losses, reallocated = (-(-each // len(POOLED)) for each in (options.losses, options.flights))
     most = max(flights, contacts, acting, losses, reallocated)
     if not options.publish and first + most > TUNING:
-        raise CaRosError(f'seeds from {TUNING} on are for --publish: fly less, or lower --first')
+        raise CaRosError(f'seeds below {TUNING} are for trials: fly less, or lower --first')
     flown = CAUSES if options.causes else options.conditions
     soon = [kind for kind in options.kinds if kind == 'total']
     given = {'force': options.imu, 'settings': dict(options.settings)}
@@ -103,7 +104,7 @@ def run(options: argparse.Namespace) -> tuple[str, dict[tuple[str, ...], Any]]:
     acts = {key: part for key, part in found.items() if key[2] == ACTING}
     if acts:
         text.append('## Flights without a failure that act on each name\n\n' + tables.acted(acts))
-    seeds = f'from {TUNING} on, for publishing' if options.publish else f'from {options.first} on'
+    seeds = f'from {PUBLISHED} on, for publishing' if options.publish else f'from {options.first} on'
     text.append(f'Seeds {seeds}; 95 % intervals; {perf_counter() - begin:.0f} s.\n')
     return '\n'.join(text), found
 
@@ -129,7 +130,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--set', dest='settings', type=_setting, nargs='+', default=[], metavar='NAME=VALUE',
         help='settings of the detector, as in certainty=0.99')
     add('--imu', action='store_true', help='the detector gets the specific force, too')
-    add('--publish', action='store_true', help=f'fly with seeds from {TUNING} on')
+    add('--publish', action='store_true', help=f'fly with seeds from {PUBLISHED} on')
     add('--first', type=int, default=0, help='seed of the first flight, without --publish')
     add('--jobs', type=int, default=1, help='processes')
     add('--out', type=Path, default=Path('out/detection'), metavar='DIR')

@@ -29,7 +29,7 @@ REFINED = 0.5  # time after a failure in which its health is estimated further [
 USELESS = 0.2  # a rotor with less health is lost
 MOVING = 5.0  # motion of a vehicle that moves, over the noise in the settings
 
-TOTAL = 0.9
+TOTAL = 0.8
 """Greatest loss of a rotor that is not lost when it is named: one that keeps less would be given
 commands so low that its health cannot be estimated further."""
 
@@ -223,7 +223,7 @@ class FailureDetector:
             'time_constant': settings.motor_time_constant, 'delay': settings.delay,
             'arms': vehicle.arms.T,
             'partner': [-1 if each is None else each for each in find.partners],
-            'unit': find.unit, 'disturbance': find.disturbance,
+            'unit': find.unit, 'disturbance': find.disturbances,
             'gravity': vehicle.mass * vehicle.gravity, 'imu': self._imu,
             'lever': find.lever, 'force_noise': self._usual.force_noise,
             'noise': self._usual.noise, 'moving': self._moving,
@@ -266,6 +266,12 @@ class FailureDetector:
         self._waited = 0.0
         self._named: tuple[int, ...] = ()
         self._count, self._windows = 0, Windows(self._rotors.columns)
+        self._leads = np.zeros(self.vehicle.n)
+
+    def _forget(self, before: int | None = None) -> None:
+        """Forget the motion, or that before a window, and what rotors have gathered."""
+        self._windows.forget(before)
+        self._leads = np.zeros(self.vehicle.n)
 
     def command(self, time: int, command: ArrayLike) -> None:
         """Take a command with its stamp [ns]: speeds (n,) and then angles (k,) [rad/s, rad].
@@ -294,7 +300,7 @@ class FailureDetector:
         failed = [(i, share) for i, share in found or [] if self.health[i] > 0.0]
         if failed or found is None:
             # When they failed is not known: the motion before shows nothing more.
-            self._windows.forget()
+            self._forget()
         for rotor, share in failed:
             for pair in [pair for pair in self._arms if rotor in pair]:
                 self._tell(rotor, sum(pair) - rotor)
@@ -400,6 +406,7 @@ class FailureDetector:
         if not recent and not self._arms and seen <= SUSPICION:
             # No evidence exceeds what is seen.
             self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
+            self._leads = np.zeros(self.vehicle.n)
             self._probabilities = NOBODY
             self._learn(spread, moving, given)
             return False
@@ -408,10 +415,11 @@ class FailureDetector:
         errors = usual.model_errors(windows.ages, impulses[..., own], changes[..., own])
         found = self._find(
             windows.ages, windows.lacked, impulses, windows.lateral, spread + errors, self.health,
-            [i for pair in self._arms for i in pair])
+            self._leads, block, [i for pair in self._arms for i in pair])
+        self._leads = found.leads
         if found.greatest > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
-            windows.forget()
+            self._forget()
             return False
         suspected = found.greatest > SUSPICION or bool(recent or self._arms)
         changed = self._refine(found, recent)
@@ -425,10 +433,11 @@ class FailureDetector:
         repeated = bool(named) and named == self._named
         self._count = self._count + 1 if repeated else int(bool(found.named))
         self._named = named
-        if self._count < CONFIRMATIONS:
+        if self._count >= CONFIRMATIONS:
+            self._count = 0
+        elif not found.lasting:
             return changed
-        self._count = 0
-        windows.forget(before=found.window)
+        self._forget(before=found.window)
         # The window may have begun a block before the failure.
         age = windows.ages[found.window]
         longer = age / max(age - block, block)

@@ -7,6 +7,7 @@ from math import log
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.detection.windows import WINDOWS
 from ca_ros.vehicle.servos import Servos
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -71,7 +72,9 @@ def stuck_servos(
     return best, StuckServo(rotors[servo], angle, float(evidence.max()), int(window), share)
 
 
-LEAST_LOSS = 0.4  # least share of its thrust that a rotor loses in a failure
+CLEAR_LOSS = 0.5  # least share of its thrust that a rotor lost which is named at once
+LEAST_LOSS = 0.4  # the same of each of two rotors, and of one whose servo sticks or that is slow
+WEAK_LOSS = 0.3  # the same of one that leads for long
 ASKED = 0.75  # least thrust of a rotor that is named, as commanded, over that of hover
 THRUST_ERROR = 0.1  # relative standard deviation of the thrust of each rotor
 DRAG_ERROR = 0.5  # relative standard deviation of the drag of each rotor
@@ -87,6 +90,13 @@ TELLING = 5.3
 
 MARGIN = 4.0
 """Lead of the evidence over that of a disturbance."""
+
+CONTACT = 4.0
+"""Evidence for the ground where the vehicle is pushed up: a lost rotor lets it drop, and feet touch
+the ground more often than rotors are lost."""
+
+LASTING, SEEN = 4.0, 15.0
+"""Lead that a weak rotor gathers, and its evidence in the longest window, from which it is named."""
 
 PRIOR = 6.25
 """The share lost is taken as uniform from 0 to 1.  Its likelihood has an integral of
@@ -105,7 +115,7 @@ COAXIAL = 0.1
 """Two rotors are a coaxial pair if their forces per thrust, and their roll and pitch over the mean
 arm, differ by less."""
 
-SLACK = 0.1  # lever of the yaw of a disturbance, over the mean arm
+SLACK = 0.1  # side forces and yaw of a contact, over those of a push
 
 
 def partners(wrenches: Array, arm: float) -> list[int | None]:
@@ -136,6 +146,8 @@ class Finding:
     - `lost`: share of the thrust of a sound rotor that each has lost
     - `angle`: at which the servo of the named rotor sticks [rad]; None: the rotor has failed
     - `window`: the shortest likely one
+    - `leads` (n,): what each rotor has gathered; see `HypothesisTest`
+    - `lasting`: whether these name the rotor
     - `shares` and `errors` (n,): in the longest window, the share that each rotor alone would have
       lost, which may be negative, and its standard deviation
     """
@@ -148,6 +160,8 @@ class Finding:
     lost: Array
     angle: float | None
     window: int
+    leads: Array
+    lasting: bool
     shares: Array
     errors: Array
 
@@ -170,8 +184,10 @@ class HypothesisTest:
     In a window with the unexplained impulse c (6,) and its variance S (6,), the hypotheses are
 
     - nothing: c ~ N(0, S);
-    - a disturbance, such as a push, a gust, a load or a foot on the ground: c ~ N(0, S + D), where
-      D is that of a force and a torque of a rotor's size in any direction;
+    - a disturbance: c ~ N(0, S + D).  D is that of a force of a rotor's size in any direction, with
+      a lever of the mean arm: a push, a gust, a load.  Where the vehicle is pushed up, it may also
+      be a contact with the ground, whose D has a tenth of the side forces and of the yaw, and
+      whose evidence is `CONTACT` greater;
     - the loss of a share theta of rotor i: c ~ N(-theta s_i, S + theta^2 E_i).  s_i (6,) is what
       the sound rotor gives, its thrust and its share of the drag, and E_i the variance of this.
       theta is the likeliest one within [0, health_i], and its prior is uniform.
@@ -179,7 +195,13 @@ class HypothesisTest:
     The evidence for each is the greatest logarithm of its Bayes factor against nothing in any
     window (Kass and Raftery, Bayes factors, J. American Statistical Association 90, 1995).  A
     rotor is named if its evidence is over `LIMIT`, leads that of each other rotor by `ODDS`, and
-    that of the disturbance by `MARGIN`.  If it does not lead its partner of a coaxial pair, the
+    that of the disturbance by `MARGIN`, and it lost `CLEAR_LOSS` of its thrust.
+
+    What loses less shows in time: windows that do not overlap are independent, so their evidence
+    adds up.  In the longest window, the lead of each rotor over all else is gathered, as its
+    integral over the length of the window, not below zero; `LASTING` of it names a rotor.
+
+    If the rotor does not lead its partner of a coaxial pair, the
     arm is named, until `of_arm` tells which one has failed.  Servos that stick compete with the
     rotors: see `stuck_servos`.  If no rotor is named, all pairs are tested whose loss cannot be a
     load, in the window in which a disturbance is likeliest.
@@ -193,8 +215,9 @@ class HypothesisTest:
         yaw = 2.0 * float(np.abs(wrenches[5]).mean())
         levers = np.array([1.0, 1.0, 1.0, arm, arm, yaw])
         self.unit = levers**2
-        levers[5] = np.hypot(yaw, SLACK * arm)
-        self.disturbance = (vehicle.weight / vehicle.n * levers) ** 2
+        levers[5] = arm
+        contact = levers * [SLACK, SLACK, 1.0, 1.0, 1.0, SLACK]
+        self.disturbances = (vehicle.weight / vehicle.n * np.array([levers, contact])) ** 2
         self.lever = LEVER * float(np.linalg.norm(wrenches[3:], axis=0).mean())
         self.partners = partners(wrenches, arm)
         self._arms = vehicle.arms.T
@@ -224,7 +247,7 @@ class HypothesisTest:
 
     def __call__(
         self, ages: Array, lacked: Array, given: Array, lateral: Array, variance: Array,
-        health: Array, arms: Sequence[int] = (),
+        health: Array, leads: Array, block: float, arms: Sequence[int] = (),
     ) -> Finding:
         """Test windows.
 
@@ -233,17 +256,19 @@ class HypothesisTest:
         - `given` (T, 6, n + 2 s): the impulses of the rotors, see `CommandedRotors.given`
         - `lateral` (T, 2): see `signatures`
         - `health` (n,)
+        - `leads` (n,): what each rotor has gathered
+        - `block`: time since the last test [s]
         - `arms`: rotors of named arms, which are not named again
         """
         held = np.isin(np.arange(len(health)), arms)
         n, everything = len(health), given
-        own, least = given[:, :, :n], ASKED * ages * self.disturbance[0] ** 0.5
+        own = given[:, :, :n]
+        asked = np.linalg.norm(own[:, :3], axis=1) >= (
+            ASKED * ages[:, None] * self.disturbances[0, 0] ** 0.5)
         given, error = self.signatures(own, lateral)
         squares = lacked**2
-        disturbed = variance + ages[:, None] ** 2 * self.disturbance
         seen = (squares / variance).sum(axis=1)
-        disturbances = 0.5 * (
-            seen - (squares / disturbed).sum(axis=1) - np.log((disturbed / variance).prod(axis=1)))
+        disturbances = self._of_disturbances(ages, lacked, variance, seen)
         likeliest = int(disturbances.argmax())
         disturbance = max(float(disturbances[likeliest]), 0.0)
 
@@ -265,11 +290,11 @@ class HypothesisTest:
         shares = np.where(first > 0.0, shares, 0.0)
         evidence = np.maximum(each.max(axis=0), 0.0)
         rotor = int(evidence.argmax())
-        best, window, stuck = float(evidence[rotor]), likeliest, None
+        best, window, stuck, servos = float(evidence[rotor]), likeliest, None, np.zeros(n)
         if self._servos.planar:
-            of_servos, servo = stuck_servos(
+            servos, servo = stuck_servos(
                 self._servos, lacked, 1.0 / variance, everything, health)
-            evidence = np.maximum(evidence, of_servos)
+            evidence = np.maximum(evidence, servos)
             if servo.evidence > best:
                 rotor, best, window, stuck = servo.rotor, servo.evidence, servo.window, servo
         rivals = evidence.copy()
@@ -278,28 +303,72 @@ class HypothesisTest:
             rivals[partner] = 0.0
         named: tuple[int, ...] = ()
         lost, angle, arm = np.zeros(0), None, False
-        leads = best - rivals.max() > ODDS
+        first_of_all = best - rivals.max() > ODDS
         if best > LIMIT and best - disturbance > MARGIN:
             if stuck is not None:
-                if leads and stuck.share >= LEAST_LOSS:
+                if first_of_all and stuck.share >= LEAST_LOSS:
                     named, lost, angle = (rotor,), health[[rotor]], stuck.angle
             else:
                 likely = each[:, rotor] >= best - NEAR * best**0.5
                 window = int(np.where(likely, shares[:, rotor], -1.0).argmax())
                 share = shares[window, rotor]
-                asked = float(np.linalg.norm(own[window, :3, rotor]))
-                clear = share >= LEAST_LOSS * health[rotor] and asked >= least[window]
-                if leads and clear and not held[rotor]:
-                    named, lost = (rotor,), np.array([share])
-                    if partner is not None and best - evidence[partner] <= ODDS:
-                        arm, named = True, (min(rotor, partner), max(rotor, partner))
-                        lost = np.repeat(0.5 * share, 2)
+                clear = share >= CLEAR_LOSS * health[rotor] and asked[window, rotor]
+                if first_of_all and clear and not held[rotor]:
+                    arm = partner is not None and best - evidence[partner] <= ODDS
+                    named, lost = self._name(rotor, share, arm)
         elif disturbance > LIMIT:
             named, lost = self._pair(
                 lacked[likeliest], variance[likeliest], given[likeliest], error[likeliest],
                 np.where(held, 0.0, health), max(best + ODDS, disturbance + MARGIN))
+        leads = self._gather(leads, block, each[-1], servos, max(float(disturbances[-1]), 0.0))
+        top = int(leads.argmax())
+        weak = raw[-1, top] >= WEAK_LOSS * health[top] and asked[-1, top] and not held[top]
+        lasting = bool(
+            not named and leads[top] > LASTING and each[-1, top] > SEEN and weak)
+        if lasting:
+            partner, rotor, window = self.partners[top], top, len(ages) - 1
+            arm = partner is not None and bool(leads[top] - leads[partner] <= ODDS)
+            named, lost = self._name(top, min(raw[-1, top], health[top]), arm)
         return Finding(
-            evidence, disturbance, rotor, named, arm, lost, angle, window, raw[-1], errors[-1])
+            evidence, disturbance, rotor, named, arm, lost, angle, window, leads, lasting, raw[-1],
+            errors[-1])
+
+    def _of_disturbances(
+        self, ages: Array, lacked: Array, variance: Array, seen: Array
+    ) -> Array:
+        """Return the evidence (T,) for the likelier one of a push and a contact with the ground.
+
+        `seen` (T,): chi squared of what is lacked.  Others: see `__call__`.
+        """
+        disturbed = variance + ages[:, None] ** 2 * self.disturbances[:, None]
+        left = (lacked**2 / disturbed).sum(axis=2)
+        push, contact = 0.5 * (seen - left - np.log((disturbed / variance).prod(axis=2)))
+        contact = np.where(lacked[:, 2] > 0.0, contact + CONTACT, push)
+        return np.asarray(np.maximum(push, contact))
+
+    def _gather(
+        self, leads: Array, block: float, evidence: Array, servos: Array, disturbance: float
+    ) -> Array:
+        """Return what each rotor has gathered (n,) after a further time [s].
+
+        `evidence` (n,) and `disturbance` in the longest window; `servos` (n,): that for servos
+        that stick.
+        """
+        n = len(leads)
+        others = np.tile(np.maximum(evidence, servos), (n, 1))
+        np.fill_diagonal(others, servos)
+        for i, partner in enumerate(self.partners):
+            if partner is not None:
+                others[i, partner] = 0.0
+        lead = np.minimum(evidence - np.maximum(others.max(axis=1), disturbance), LIMIT)
+        return np.asarray(np.maximum(leads + block / WINDOWS[-1] * lead, 0.0))
+
+    def _name(self, rotor: int, share: float, arm: bool) -> tuple[tuple[int, ...], Array]:
+        """Return a rotor, or the arm of which it is one, and what they lost."""
+        partner = self.partners[rotor]
+        if not arm or partner is None:
+            return (rotor,), np.array([share])
+        return (min(rotor, partner), max(rotor, partner)), np.repeat(0.5 * share, 2)
 
     def of_arm(
         self, lacked: Array, given: Array, lateral: Array, variance: Array, rotor: int,

@@ -11,6 +11,7 @@ from ca_ros.detection.windows import BLOCK, WINDOWS, Windows
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 FLOOR = 0.3  # least noise over that of the settings
+OUTLIER = 9.0  # greatest square that is learnt, over the variance
 LEARNING = 2.0, 20.0  # times over which the noise is learnt [s]; disturbances over the first
 TIME_ERROR = 0.01  # standard deviation of the lag and the delay [s]
 LEARNT = 0.95  # time after which it learns again, over the shortest window
@@ -92,7 +93,7 @@ class UsualMotion:
         - `given` (6, n): what the rotors give now [N, N m]
         """
         age = windows.ages[0]
-        squares = np.minimum(windows.lacked**2, 9.0 * spread)
+        squares = np.minimum(windows.lacked**2, OUTLIER * spread)
         shares = np.array([-expm1(-age * self.gain(time)) for time in LEARNING])
         self._spreads = self._spreads + shares[:, None, None] * (squares - self._spreads)
         share = shares[0]

@@ -8,7 +8,7 @@ BLOCK = 0.0095  # least length of a block [s]
 LENGTH = 34  # blocks that are kept: of this length or longer they cover the longest window
 ROOM = 8 * LENGTH  # rows, of which those that are kept move on
 ROTORS = 9  # first column of what rotors give
-WINDOWS = np.array([0.04, 0.06, 0.08, 0.12, 0.16, 0.24, 0.32])  # lengths [s]
+WINDOWS = np.array([0.04, 0.08, 0.16, 0.24, 0.32])  # lengths, to half a block [s]
 
 
 class Windows:
@@ -23,7 +23,7 @@ class Windows:
     """
 
     def __init__(self, n: int) -> None:
-        self.block, self._usual, self._last = 0.0, np.inf, np.zeros((6, n))
+        self.block, self._last = 0.0, np.zeros((6, n))
         # A row a block, the newest first: length, lacked, lateral, given, change.
         self._all, self._newest = np.zeros((ROOM, ROTORS + 12 * n)), ROOM - LENGTH
         self._rows, self._row = self._all[self._newest :], np.zeros(ROTORS + 12 * n)
@@ -54,10 +54,11 @@ class Windows:
         self._rows = self._all[self._newest : self._newest + LENGTH]
         self._rows[0] = self._row
         self._row.fill(0.0)
-        if not 0.9 < self.block / self._usual < 1.1:
-            self._usual = self.block
-            self._blocks = np.clip(np.rint(WINDOWS / self.block).astype(int), 1, LENGTH)
-            self._of = (np.arange(LENGTH) < self._blocks[:, None]).astype(float)
+        lengths = self._rows[:, 0]
+        middles = np.append(0.0, lengths[:-1].cumsum()) + 0.5 * lengths
+        middles[0] = 0.0
+        self._blocks = middles.searchsorted(WINDOWS)
+        self._of = (np.arange(LENGTH) < self._blocks[:, None]).astype(float)
         sums = self._of.dot(self._rows[:, :ROTORS])
         self.ages, self.lacked, self.lateral = sums[:, 0], sums[:, 1:7], sums[:, 7:]
         return True

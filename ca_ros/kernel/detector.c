@@ -10,14 +10,16 @@
 #define CONFIRMATIONS 3
 #define REFINED CA_REAL(0.5)
 #define USELESS CA_REAL(0.2)
-#define TOTAL CA_REAL(0.9)
+#define TOTAL CA_REAL(0.8)
 #define CERTAIN CA_REAL(0.995)
 #define SUSPICION CA_REAL(6.0)
 #define PATIENCE CA_REAL(1.0)
-#define FLOOR CA_REAL(0.09)
+#define FLOOR CA_REAL(0.3)
 #define OUTLIER CA_REAL(9.0)
 #define LEARNT CA_REAL(0.95)
+#define CLEAR_LOSS CA_REAL(0.5)
 #define LEAST_LOSS CA_REAL(0.4)
+#define WEAK_LOSS CA_REAL(0.3)
 #define ASKED CA_REAL(0.75)
 #define THRUST_ERROR CA_REAL(0.1)
 #define TIME_ERROR CA_REAL(0.01)
@@ -26,6 +28,9 @@
 #define ODDS CA_REAL(5.3)
 #define TELLING CA_REAL(5.3)
 #define MARGIN CA_REAL(4.0)
+#define CONTACT CA_REAL(4.0)
+#define LASTING CA_REAL(4.0)
+#define SEEN CA_REAL(15.0)
 #define PRIOR CA_REAL(6.25)
 #define PAIRED CA_REAL(0.1)
 #define NEAR CA_REAL(2.83)
@@ -41,9 +46,8 @@
 #define AVERAGING CA_REAL(0.2)
 #define REST CA_REAL(0.5)
 
-static const ca_real WINDOWS[CA_WINDOWS] = {
-    CA_REAL(0.04), CA_REAL(0.06), CA_REAL(0.08), CA_REAL(0.12),
-    CA_REAL(0.16), CA_REAL(0.24), CA_REAL(0.32)};
+static const ca_real WINDOWS[CA_WINDOWS] = {CA_REAL(0.04), CA_REAL(0.08), CA_REAL(0.16),
+                                            CA_REAL(0.24), CA_REAL(0.32)};
 
 #define ROTORS(model) ((int)(model)->rotors)
 
@@ -296,6 +300,8 @@ typedef struct {
     int arm;                               /* whether one of the two that are named has failed */
     ca_real lost[2];
     ca_real shares[CA_N], errors[CA_N];    /* lost by each rotor alone in the longest window */
+    ca_real leads[CA_N];                   /* gathered so far */
+    int lasting;                           /* whether these name it */
 } finding;
 
 /* What a sound rotor gives in a window, and the variance of this: its thrust is known to a tenth,
@@ -390,28 +396,94 @@ static int partner_of(const ca_detector_model *model, int rotor)
     return (int)model->partner[rotor];
 }
 
+/* Whether a rotor is asked for enough thrust to be named. */
+static int is_asked(const ca_detector_model *model, const ca_block *window, int rotor)
+{
+    const ca_real asked = window->given[rotor] / window->length;
+    return asked * asked >= ASKED * ASKED * model->disturbance[0][0];
+}
+
+/* Name a rotor, or the arm of which it is one. */
+static void name(finding *found, int rotor, ca_real share, int partner, int arm)
+{
+    found->arm = arm;
+    found->names = 1 + arm;
+    found->named[0] = rotor;
+    found->lost[0] = share;
+    if (arm) {
+        found->named[0] = rotor < partner ? rotor : partner;
+        found->named[1] = rotor < partner ? partner : rotor;
+        found->lost[0] = found->lost[1] = CA_REAL(0.5) * share;
+    }
+}
+
+/* The evidence for the likelier one of a push and a contact with the ground, which pushes up. */
+static ca_real of_disturbances(const ca_detector_model *model, const ca_block *window,
+                               const ca_real *variance, ca_real seen)
+{
+    const ca_real square = window->length * window->length;
+    ca_real evidence = 0;
+    for (int kind = 0; kind < (window->impulse[2] > 0 ? 2 : 1); kind++) {
+        ca_real left = 0, ratio = 1;
+        for (int k = 0; k < 6; k++) {
+            const ca_real c = window->impulse[k];
+            const ca_real disturbed = variance[k] + square * model->disturbance[kind][k];
+            left += c * c / disturbed;
+            ratio *= disturbed / variance[k];
+        }
+        const ca_real each = CA_REAL(0.5) * (seen - left - ca_log(ratio));
+        evidence = kind ? ca_max(evidence, each + CONTACT) : each;
+    }
+    return evidence;
+}
+
+/* Gather how far each rotor leads all else in the longest window; name one that leads for long. */
+static void gather(const ca_detector *detector, const ca_block *window, ca_real block,
+                   const ca_real *evidence, ca_real disturbance, finding *found)
+{
+    const ca_detector_model *model = detector->model;
+    const int n = ROTORS(model);
+    int top = 0;
+    for (int i = 0; i < n; i++) {
+        ca_real rival = ca_max(disturbance, 0);
+        for (int j = 0; j < n; j++)
+            if (j != i && j != partner_of(model, i))
+                rival = ca_max(rival, evidence[j]);
+        const ca_real lead = ca_min(evidence[i] - rival, LIMIT);
+        found->leads[i] =
+            ca_max(detector->leads[i] + block / WINDOWS[CA_WINDOWS - 1] * lead, 0);
+        top = found->leads[i] > found->leads[top] ? i : top;
+    }
+    if (found->names || !(found->leads[top] > LASTING && evidence[top] > SEEN) ||
+        found->shares[top] < WEAK_LOSS * detector->health[top] || detector->arm[top] ||
+        !is_asked(model, window, top))
+        return;
+    const int partner = partner_of(model, top);
+    found->rotor = top;
+    found->window = CA_WINDOWS - 1;
+    found->lasting = 1;
+    name(found, top, ca_min(found->shares[top], detector->health[top]), partner,
+         partner >= 0 && found->leads[top] - found->leads[partner] <= ODDS);
+}
+
 /* Test all windows against the failure of each rotor, and against a disturbance. */
-static void test(const ca_detector *detector, const ca_block *windows,
+static void test(const ca_detector *detector, const ca_block *windows, ca_real block,
                  const ca_real variance[CA_WINDOWS][6], finding *found)
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
-    ca_real evidence[CA_WINDOWS][CA_N], shares[CA_WINDOWS][CA_N];
+    ca_real evidence[CA_WINDOWS][CA_N], shares[CA_WINDOWS][CA_N], disturbances[CA_WINDOWS];
     int likeliest = 0;
     for (int i = 0; i < n; i++)
         found->evidence[i] = 0;
     found->disturbance = 0;
     for (int t = 0; t < CA_WINDOWS; t++) {
         const ca_real *v = variance[t], *c = windows[t].impulse;
-        const ca_real square = windows[t].length * windows[t].length;
-        ca_real seen = 0, left = 0, ratio = 1;
-        for (int k = 0; k < 6; k++) {
-            const ca_real disturbed = v[k] + square * model->disturbance[k];
+        ca_real seen = 0;
+        for (int k = 0; k < 6; k++)
             seen += c[k] * c[k] / v[k];
-            left += c[k] * c[k] / disturbed;
-            ratio *= disturbed / v[k];
-        }
-        const ca_real disturbance = CA_REAL(0.5) * (seen - left - ca_log(ratio));
+        const ca_real disturbance = of_disturbances(model, &windows[t], v, seen);
+        disturbances[t] = disturbance;
         if (disturbance > found->disturbance) {
             found->disturbance = disturbance;
             likeliest = t;
@@ -430,7 +502,7 @@ static void test(const ca_detector *detector, const ca_block *windows,
             shares[t][i] = evidence[t][i] = 0;
             if (!(first > 0))
                 continue;
-            ratio = 1;
+            ca_real ratio = 1;
             product = rest = 0;
             norm = CA_REAL(1e-12);
             for (int k = 0; k < 6; k++) {
@@ -453,39 +525,30 @@ static void test(const ca_detector *detector, const ca_block *windows,
         rotor = found->evidence[i] > found->evidence[rotor] ? i : rotor;
     const ca_real best = found->evidence[rotor];
     found->rotor = rotor;
-    found->names = found->arm = 0;
+    found->names = found->arm = found->lasting = 0;
     found->window = likeliest;
-    if (!(best > LIMIT && best - found->disturbance > MARGIN)) {
-        if (found->disturbance > LIMIT)
-            find_pair(detector, &windows[likeliest], variance[likeliest],
-                      ca_max(best + ODDS, found->disturbance + MARGIN), found);
-        return;
+    if (best > LIMIT && best - found->disturbance > MARGIN) {
+        /* The greatest share of all windows that are about as likely. */
+        const int partner = partner_of(model, rotor);
+        ca_real share = -1;
+        int leads = 1;
+        for (int t = 0; t < CA_WINDOWS; t++)
+            if (evidence[t][rotor] >= best - NEAR * ca_sqrt(best) && shares[t][rotor] > share) {
+                share = shares[t][rotor];
+                found->window = t;
+            }
+        for (int i = 0; i < n; i++)
+            leads &= i == rotor || i == partner || best - found->evidence[i] > ODDS;
+        if (leads && share >= CLEAR_LOSS * detector->health[rotor] && !detector->arm[rotor] &&
+            is_asked(model, &windows[found->window], rotor))
+            name(found, rotor, share, partner,
+                 partner >= 0 && best - found->evidence[partner] <= ODDS);
+    } else if (found->disturbance > LIMIT) {
+        find_pair(detector, &windows[likeliest], variance[likeliest],
+                  ca_max(best + ODDS, found->disturbance + MARGIN), found);
     }
-    /* The greatest share of all windows that are about as likely. */
-    ca_real share = -1;
-    for (int t = 0; t < CA_WINDOWS; t++)
-        if (evidence[t][rotor] >= best - NEAR * ca_sqrt(best) && shares[t][rotor] > share) {
-            share = shares[t][rotor];
-            found->window = t;
-        }
-    for (int i = 0; i < n; i++)
-        if (i != rotor && i != partner_of(model, rotor) && best - found->evidence[i] <= ODDS)
-            return;
-    if (share < LEAST_LOSS * detector->health[rotor] || detector->arm[rotor])
-        return;
-    const ca_real asked = windows[found->window].given[rotor] / windows[found->window].length;
-    if (asked * asked < ASKED * ASKED * model->disturbance[0])
-        return;
-    const int partner = partner_of(model, rotor);
-    found->arm = partner >= 0 && best - found->evidence[partner] <= ODDS;
-    found->names = 1 + found->arm;
-    found->named[0] = rotor;
-    found->lost[0] = share;
-    if (found->arm) {
-        found->named[0] = rotor < partner ? rotor : partner;
-        found->named[1] = rotor < partner ? partner : rotor;
-        found->lost[0] = found->lost[1] = CA_REAL(0.5) * share;
-    }
+    gather(detector, &windows[CA_WINDOWS - 1], block, evidence[CA_WINDOWS - 1],
+           disturbances[CA_WINDOWS - 1], found);
 }
 
 /* The evidence that a rotor of a named arm has failed, less that of its partner. */
@@ -520,9 +583,10 @@ static ca_real learning_gain(const ca_detector *detector, ca_real time)
 /* Begin a flight: the windows reach back to now. */
 static void begin(ca_detector *detector)
 {
-    detector->flown = detector->waited = detector->unlearnt = detector->usual = 0;
+    detector->flown = detector->waited = detector->unlearnt = 0;
     detector->names = detector->count = 0;
     ca_copy(6, detector->motion, detector->learnt);
+    memset(detector->leads, 0, sizeof detector->leads);
     memset(detector->thrusts, 0, sizeof detector->thrusts);
     memset(&detector->sums, 0, sizeof detector->sums);
     memset(detector->blocks, 0, sizeof detector->blocks);
@@ -535,9 +599,10 @@ static ca_block *block_of(ca_detector *detector, int age)
     return &detector->blocks[place < CA_BLOCKS ? place : place - CA_BLOCKS];
 }
 
-/* Let no window be longer than this number of blocks. */
+/* Let no window be longer than this number of blocks, and no rotor lead. */
 static void forget(ca_detector *detector, int kept)
 {
+    memset(detector->leads, 0, sizeof detector->leads);
     for (; kept < CA_BLOCKS; kept++)
         memset(block_of(detector, kept), 0, sizeof *detector->blocks);
 }
@@ -675,30 +740,17 @@ static void learn(ca_detector *detector, ca_real block, ca_real spread[CA_WINDOW
         learn_motion(detector, windows, mean, thrusts);
 }
 
-/* Set the number of blocks of each window. */
-static void size_windows(ca_detector *detector, ca_real block)
-{
-    if (block > CA_REAL(0.9) * detector->usual && block < CA_REAL(1.1) * detector->usual)
-        return;
-    detector->usual = block;
-    for (int t = 0; t < CA_WINDOWS; t++) {
-        /* Halves round to even numbers. */
-        const ca_real exact = WINDOWS[t] / block;
-        int whole = (int)exact;
-        const ca_real rest = exact - (ca_real)whole;
-        whole += rest > CA_REAL(0.5) || (rest >= CA_REAL(0.5) && whole % 2);
-        detector->windows[t] = whole < 1 ? 1 : whole > CA_BLOCKS ? CA_BLOCKS : whole;
-    }
-}
-
+/* A window ends where its length is reached within half a block. */
 static void sum_windows(ca_detector *detector, ca_block *windows)
 {
     const int n = ROTORS(detector->model);
     ca_block sum;
     memset(&sum, 0, sizeof sum);
     for (int t = 0, b = 0; t < CA_WINDOWS; t++) {
-        for (; b < detector->windows[t]; b++) {
+        for (; b < CA_BLOCKS; b++) {
             const ca_block *block = block_of(detector, b);
+            if (b && sum.length + CA_REAL(0.5) * block->length >= WINDOWS[t])
+                break;
             sum.length += block->length;
             for (int k = 0; k < 6; k++)
                 sum.impulse[k] += block->impulse[k];
@@ -710,6 +762,7 @@ static void sum_windows(ca_detector *detector, ca_block *windows)
                 sum.change[i] += block->change[i];
             }
         }
+        detector->windows[t] = b;
         windows[t] = sum;
     }
 }
@@ -748,6 +801,7 @@ static void set_probabilities(ca_detector *detector, const finding *found, ca_re
 /* Count a test without a suspicion. */
 static void clear_suspicion(ca_detector *detector)
 {
+    memset(detector->leads, 0, sizeof detector->leads);
     detector->waited = 0;
     detector->count = detector->names = 0;
     detector->suspect = -1;
@@ -790,7 +844,6 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     detector->newest = (detector->newest > 0 ? detector->newest : CA_BLOCKS) - 1;
     *block_of(detector, 0) = detector->sums;
     memset(&detector->sums, 0, sizeof detector->sums);
-    size_windows(detector, block);
     if (detector->flown < 2 * block) {
         forget(detector, 0);
         return 0;
@@ -811,7 +864,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
                                       : model->noise[k];
             const ca_real learnt =
                 ca_max(detector->variance[0][t][k], detector->variance[1][t][k]);
-            spread[t][k] = ca_max(learnt, FLOOR * noise);
+            spread[t][k] = ca_max(learnt, FLOOR * FLOOR * noise);
             variance[t][k] = spread[t][k];
             sum += impulse * impulse / spread[t][k];
         }
@@ -824,7 +877,8 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         return 0;
     }
     add_model_errors(detector, windows, variance);
-    test(detector, windows, (const ca_real(*)[6])variance, &found);
+    test(detector, windows, block, (const ca_real(*)[6])variance, &found);
+    ca_copy(n, found.leads, detector->leads);
     const ca_real score = ca_max(found.evidence[found.rotor], found.disturbance);
     if (score > SUSPICION && !moving) {
         /* A lost rotor turns the vehicle over; this one stands, and the ground carries it. */
@@ -838,7 +892,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     detector->suspect = found.evidence[found.rotor] > LIMIT ? found.rotor : -1;
     learn(detector, block, spread, windows, thrusts, moving);
     set_probabilities(detector, &found, score);
-    if (!confirmed(detector, &found))
+    if (!confirmed(detector, &found) && !found.lasting)
         return changed;
     forget(detector, detector->windows[found.window]);
     /* The window may have begun a block before the failure. */

@@ -25,7 +25,7 @@ extern "C" {
 #define CA_TIME_MAX (INT64_C(1) << 62) /* times are less, before and after zero [ns] */
 
 #define CA_BLOCKS 34 /* blocks of time that are kept */
-#define CA_WINDOWS 7 /* windows of time that are tested */
+#define CA_WINDOWS 5 /* windows of time that are tested */
 
 /* A vehicle and its detector's settings. It is constant data, and may be in flash.
  * X(name, dimensions); body frame x forward, y left, z up */
@@ -47,7 +47,7 @@ extern "C" {
     X(arms, [3][CA_N])         /* of the rotors [m] */ \
     X(partner, [CA_N])         /* the other rotor of a coaxial pair, counted from 0, or -1 */ \
     X(unit, [6])               /* squared wrench of a thrust of 1 N in any direction */ \
-    X(disturbance, [6])        /* variance of a disturbance of a rotor's size [N^2, N^2 m^2] */ \
+    X(disturbance, [2][6])     /* variances of a push of a rotor's size and a contact [N^2, N^2 m^2] */ \
     X(gravity, )               /* m g [N] */ \
     X(imu, [3])                /* place of the accelerometer [m] */ \
     X(lever, )                 /* least lever of two failed rotors [m] */ \
@@ -105,7 +105,8 @@ typedef struct {
     ca_real rotation[3][3], motion[6];
     ca_real learnt[6], moments[4][6], drag[6], variance[2][CA_WINDOWS][6], mean_thrusts[CA_N];
     /* the test */
-    ca_real flown, waited, unlearnt, usual, refined[CA_N];
+    ca_real flown, waited, unlearnt, refined[CA_N];
+    ca_real leads[CA_N];     /* of each rotor over all else, gathered while it is suspected */
     int named[2], names, named_arm, count, windows[CA_WINDOWS];
     int arm[CA_N], upper[CA_N]; /* 1 for both of a named arm; tests in a row for one of the two */
     int sound[CA_N];
