@@ -208,6 +208,8 @@ def test_the_same_seed_gives_the_same_flight_and_every_landing_ends_on_the_feet(
 class Fake:
     """A detector that names a rotor in each of some states."""
 
+    failed_arms = ()
+
     def __init__(self, states, rotor):
         self.states, self.rotor, self.count, self.health = states, rotor, -1, np.ones(N)
 

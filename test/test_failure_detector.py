@@ -39,6 +39,7 @@ SERVOS = [
 ]
 SETTINGS = DetectorSettings(motor_time_constant=0.05, delay=0.01)
 UP = Waypoint.of(0.0, 0.0, 1.0, 0.0)
+UNKNOWN = np.ones(6), np.zeros(6), 0.01  # health, what was gathered, and since when
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 
 
@@ -142,7 +143,7 @@ def test_a_servo_that_sticks_is_found(vehicle, angle, left):
                  changes=[change], detection=detection)
     detector = detection.detector
     assert detector.since[1] is not None
-    assert 2.0 < detector.since[1] / 1e9 < 2.6
+    assert 2.0 < detector.since[1] / 1e9 < 3.2
     assert detector.since.count(None) == len(health) - 1
     found = float(re.fullmatch('servo sticks at (.*) rad', detector.evidence[1])[1])
     assert found == pytest.approx(angle, abs=0.15)
@@ -155,7 +156,7 @@ def test_a_servo_that_sticks_is_found(vehicle, angle, left):
 def test_a_partial_loss_is_found_and_estimated(left):
     case = Case.load('hexarotor', REALISTIC)
     _, detection = flown(case, {2.0: without(6, rotor_2=left)}, 2.6)
-    assert detection.found[0][0] < 2.15e9
+    assert detection.found[0][0] < 2.25e9
     np.testing.assert_allclose(detection.detector.health, without(6, rotor_2=left), atol=0.1)
 
 
@@ -442,7 +443,8 @@ def test_after_wrong_numbers_a_loss_is_found(long_flight, seed):
     for i, (time, *state, speeds) in enumerate(rows):
         answers(both, 'observe', start + time, *state)
         answers(both, 'command', start + time, speeds)
-        if i == 60:
+        if i == 200:
+            # What the wrong numbers have left in the noise would fade in 20 s.
             for detector in both:
                 detector.reset()
         for _ in range(rng.integers(1, 6) if i < 60 else 0):
@@ -710,7 +712,7 @@ def test_the_evidence_is_a_ratio_of_gaussian_densities():
     find = HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR))
     age, lacked, given, _, (variance,) = windows(np.random.default_rng(0), lost=0.6)
     lateral = np.array([[0.024, -0.012]])
-    found = find(age, lacked, given, lateral, variance[None], np.ones(6), np.zeros(6), 0.01)
+    found = find(age, lacked, given, lateral, variance[None], *UNKNOWN)
     nothing = density(lacked[0], variance)
     levers = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])
     wide = variance + (0.16 * HEXAROTOR.weight / 6.0 * levers) ** 2
@@ -748,7 +750,7 @@ def test_pushes_and_feet_are_disturbances(kind):
             'push': np.concatenate([force, np.cross([*rng.uniform(-0.4, 0.4, 2), 0.0], force)]),
             'foot': 1.6 * wrenches[:, 3] * [0, 0, 1, 1, 1, 0], 'loss': -1.6 * wrenches[:, 0],
         }[kind]
-        found = find(age, lacked + age[0] * impulse, given, lateral, variance, np.ones(6), np.zeros(6), 0.01)
+        found = find(age, lacked + age[0] * impulse, given, lateral, variance, *UNKNOWN)
         assert found.named == ((0,) if kind == 'loss' else ())
         assert kind == 'loss' or found.disturbance > max(20.0, found.evidence.max())
 
@@ -776,7 +778,7 @@ def test_the_score_of_a_servo_is_the_reduction_of_chi_square_at_its_angle():
 
 def test_noise_names_nobody():
     find, rng = HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR)), np.random.default_rng(1)
-    found = [find(*windows(rng), np.ones(6), np.zeros(6), 0.01) for _ in range(2000)]
+    found = [find(*windows(rng), *UNKNOWN) for _ in range(2000)]
     assert {each.named for each in found} == {()}
     # By Bayes' rule evidence of x is as rare as exp(-x).
     assert np.mean([each.disturbance > 1.0 for each in found]) < 0.37
@@ -788,4 +790,5 @@ def test_two_opposite_rotors_may_be_a_load():
     age, _, given, lateral, variance = windows(np.random.default_rng(0))
     for second, named in ((1, (0, 1)), (3, ())):
         lacked = -1.6 * 0.16 * (0.9 * wrenches[:, 0] + 0.9 * wrenches[:, second])
-        assert find(age, lacked[None], given, lateral, variance, np.ones(6), np.zeros(6), 0.01).named == named
+        found = find(age, lacked[None], given, lateral, variance, *UNKNOWN)
+        assert found.named == named

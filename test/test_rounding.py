@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from ca_ros import AdmissibleSet, AllocationProblem, Status, kernel, make_allocator
+from ca_ros.control import momentum_observer
+from ca_ros.detection import failure_detector, hypothesis_test, noise_estimator, windows
 from ca_ros.kernel import AXES_MAX, ROTORS_MAX, load
 from ca_ros.problem import prioritization, sets_prioritization
 from ca_ros.problem.problem import EXACT_TOLERANCE
@@ -138,6 +140,20 @@ SHARED = {
     'vectored_priorities.c': {
         'LEVEL': faces.LEVEL, 'DEPENDENT': faces.DEPENDENT, 'STILL': sets_prioritization.STILL,
         'YIELD': sets_prioritization.YIELD, 'MOVED': sets_prioritization.MOVED},
+    'detector.c': {
+        **{name: getattr(hypothesis_test, name) for name in (
+            'CLEAR_LOSS', 'LEAST_LOSS', 'WEAK_LOSS', 'ASKED', 'THRUST_ERROR', 'DRAG_ERROR',
+            'LIMIT', 'ODDS', 'TELLING', 'MARGIN', 'CONTACT', 'LASTING', 'SEEN', 'PRIOR', 'NEAR',
+            'PAIRED')},
+        **{name: getattr(failure_detector, name) for name in (
+            'CONFIRMATIONS', 'REFINED', 'USELESS', 'TOTAL', 'CERTAIN', 'SUSPICION', 'PATIENCE')},
+        **{name: getattr(noise_estimator, name) for name in (
+            'FLOOR', 'OUTLIER', 'TIME_ERROR', 'LEARNT')},
+        'LEARNING': noise_estimator.LEARNING[0], 'LONG_LEARNING': noise_estimator.LEARNING[1],
+        **{name: getattr(momentum_observer, name) for name in (
+            'MOTION', 'AVERAGING', 'REST', 'KEEP')},
+        'BLOCK': windows.BLOCK},
+    'detector.h': {'CA_BLOCKS': windows.LENGTH, 'CA_WINDOWS': len(windows.WINDOWS)},
     'exact.c': {'SPANNING_MIN': SPANNING_MIN},
     'numbers.h': {'CA_EXACT_TOLERANCE': EXACT_TOLERANCE, 'CA_ABSURD': ABSURD},
     'configuration.h': {'CA_N': ROTORS_MAX, 'CA_M': AXES_MAX}}

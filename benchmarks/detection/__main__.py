@@ -51,7 +51,7 @@ def _jobs(options: argparse.Namespace) -> list[tuple[Callable[[Any], Any], tuple
     losses, reallocated = (-(-each // len(POOLED)) for each in (options.losses, options.flights))
     most = max(flights, contacts, acting, losses, reallocated)
     if not options.publish and first + most > TUNING:
-        raise CaRosError(f'seeds below {TUNING} are for trials: fly less, or lower --first')
+        raise CaRosError(f'seeds below {TUNING} are for trials: fly less')
     flown = CAUSES if options.causes else options.conditions
     soon = [kind for kind in options.kinds if kind == 'total']
     given = {'force': options.imu, 'settings': dict(options.settings)}

@@ -18,7 +18,7 @@ from benchmarks.detection import tables
 from benchmarks.detection.conditions import NOISE
 from benchmarks.detection.flights import (
     NAMED,
-    TUNING,
+    PUBLISHED,
     VEHICLES,
     Count,
     Outcome,
@@ -104,12 +104,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--minutes', type=int, default=5, help='without a failure, of all vehicles')
     add('--losses', type=int, default=10, help='of all vehicles')
     add('--vehicles', nargs='+', default=VEHICLES, choices=VEHICLES)
-    add('--publish', action='store_true', help=f'fly with seeds from {TUNING} on')
+    add('--publish', action='store_true', help=f'fly with seeds from {PUBLISHED} on')
     add('--out', type=Path, default=Path('out/detection'), metavar='DIR')
     options = parser.parse_args(argv)
     told = {'motor_time_constant': LAG, 'delay': DELAY}
     setups = [Setup.load(name, settings=told) for name in options.vehicles]
-    first = TUNING if options.publish else 0
+    first = PUBLISHED if options.publish else 0
     counts: dict[str, dict[str, Count]] = {setup.name: {} for setup in setups}
     found: dict[tuple[str, ...], list[Outcome]] = {}
     for seed in range(first, first + options.minutes):

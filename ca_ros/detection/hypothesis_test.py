@@ -92,11 +92,12 @@ MARGIN = 4.0
 """Lead of the evidence over that of a disturbance."""
 
 CONTACT = 4.0
-"""Evidence for the ground where the vehicle is pushed up: a lost rotor lets it drop, and feet touch
-the ground more often than rotors are lost."""
+"""Evidence for the ground where the vehicle is pushed up: a lost rotor lets it drop, and feet
+touch the ground more often than rotors are lost."""
 
 LASTING, SEEN = 4.0, 15.0
-"""Lead that a weak rotor gathers, and its evidence in the longest window, from which it is named."""
+"""Lead that a weak rotor gathers, and its evidence in the longest window, from which it is
+named."""
 
 PRIOR = 6.25
 """The share lost is taken as uniform from 0 to 1.  Its likelihood has an integral of
@@ -184,10 +185,10 @@ class HypothesisTest:
     In a window with the unexplained impulse c (6,) and its variance S (6,), the hypotheses are
 
     - nothing: c ~ N(0, S);
-    - a disturbance: c ~ N(0, S + D).  D is that of a force of a rotor's size in any direction, with
-      a lever of the mean arm: a push, a gust, a load.  Where the vehicle is pushed up, it may also
-      be a contact with the ground, whose D has a tenth of the side forces and of the yaw, and
-      whose evidence is `CONTACT` greater;
+    - a disturbance: c ~ N(0, S + D).  D is that of a force of a rotor's size in any direction,
+      with a lever of the mean arm: a push, a gust, a load.  Where the vehicle is pushed up, it may
+      also be a contact with the ground, whose D has a tenth of the side forces and of the yaw,
+      and whose evidence is `CONTACT` greater;
     - the loss of a share theta of rotor i: c ~ N(-theta s_i, S + theta^2 E_i).  s_i (6,) is what
       the sound rotor gives, its thrust and its share of the drag, and E_i the variance of this.
       theta is the likeliest one within [0, health_i], and its prior is uniform.
