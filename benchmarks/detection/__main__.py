@@ -104,8 +104,8 @@ def run(options: argparse.Namespace) -> tuple[str, dict[tuple[str, ...], Any]]:
     acts = {key: part for key, part in found.items() if key[2] == ACTING}
     if acts:
         text.append('## Flights without a failure that act on each name\n\n' + tables.acted(acts))
-    seeds = f'from {PUBLISHED} on, for publishing' if options.publish else f'from {options.first} on'
-    text.append(f'Seeds {seeds}; 95 % intervals; {perf_counter() - begin:.0f} s.\n')
+    first = PUBLISHED if options.publish else options.first
+    text.append(f'Seeds from {first} on; 95 % intervals; {perf_counter() - begin:.0f} s.\n')
     return '\n'.join(text), found
 
 
@@ -130,7 +130,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--set', dest='settings', type=_setting, nargs='+', default=[], metavar='NAME=VALUE',
         help='settings of the detector, as in certainty=0.99')
     add('--imu', action='store_true', help='the detector gets the specific force, too')
-    add('--publish', action='store_true', help=f'fly with seeds from {PUBLISHED} on')
+    add('--publish', action='store_true', help=f'seeds from {PUBLISHED} on')
     add('--first', type=int, default=0, help='seed of the first flight, without --publish')
     add('--jobs', type=int, default=1, help='processes')
     add('--out', type=Path, default=Path('out/detection'), metavar='DIR')
