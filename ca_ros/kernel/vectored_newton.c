@@ -306,7 +306,7 @@ static void solve_beside(int m, ca_real h[CA_M][CA_M], const ca_real *e, const c
                          ca_real more, ca_real *way)
 {
     int q = 0;
-    ca_real ratio[CA_M], less[CA_M][CA_M], gradient[CA_M] = {0}, part[CA_M];
+    ca_real ratio[CA_M], less[CA_M][CA_M] = {{0}}, gradient[CA_M] = {0}, part[CA_M];
     for (int k = 1; k < m; k++)
         q = ca_abs(e[k]) > ca_abs(e[q]) ? k : q;
     /* Component q of the way follows from the others. */
