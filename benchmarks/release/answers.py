@@ -105,7 +105,8 @@ def of_vehicle(name: str) -> Iterator[tuple[str, Any]]:
 def of_detector(name: str) -> Iterator[tuple[str, Any]]:
     """Yield what the detector finds in a flight in which the thrust of a rotor is lost."""
     make_detector = found_in(
-        'make_detector', 'ca_ros.detection.kernel_detector', 'ca_ros.detection.kernel_detector')
+        'make_detector', 'ca_ros', 'ca_ros.detection.kernel_detector',
+        'ca_ros.flight.kernel_detector')
     vehicle = Vehicle.load(name)
     wrench = np.array(exact(vehicle).problem.gamma)
     hover = vehicle.mass * vehicle.gravity / wrench[0].sum()

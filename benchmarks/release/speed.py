@@ -14,7 +14,20 @@ from ca_ros import Vehicle, make_allocator
 from .drawn import KINDS, speeds, wrenches
 
 VEHICLES = 'hexarotor', 'x8', 'hexarotor_tilted'
-CALLS = 200  # in a round, as many wrenches
+CALLS = 200  # in a sample, as many wrenches
+
+
+class Timed:
+    """How often asv samples: the versions take turns, so that what slows some turns slows both.
+
+    The median of few samples in each of many turns differs less between two runs than that of many
+    samples in few turns.
+    """
+
+    rounds = 9
+    repeat = 5
+    sample_time = 0.005
+    warmup_time = 0.02
 
 
 @contextmanager
@@ -52,7 +65,7 @@ def after_failures(vehicle: Any) -> Any:
     return lambda: [exact(getattr(accept(each, 'drop'), kept)) for each in failed]
 
 
-class Allocate:
+class Allocate(Timed):
     """Calls with one wrench each, by kind of wrench."""
 
     params = VEHICLES, KINDS
@@ -76,7 +89,7 @@ class Allocate:
             allocate(u).speeds  # noqa: B018
 
 
-class AllocateWithinRates:
+class AllocateWithinRates(Timed):
     """Calls with one wrench and the last speeds each."""
 
     params = (VEHICLES,)
@@ -96,7 +109,7 @@ class AllocateWithinRates:
             answer.thrusts, answer.status  # noqa: B018
 
 
-class AllocateTilting:
+class AllocateTilting(Timed):
     """Calls for rotors that tilt."""
 
     def setup(self) -> None:
@@ -112,7 +125,7 @@ class AllocateTilting:
             answer.thrusts, answer.status  # noqa: B018
 
 
-class Batch:
+class Batch(Timed):
     """5000 wrenches in one call."""
 
     def setup(self) -> None:
@@ -125,7 +138,7 @@ class Batch:
         self.allocator.allocate_batch(self.wrenches)
 
 
-class Prepare:
+class Prepare(Timed):
     """What comes before a call: audit, set-up, and both after each failure of a rotor."""
 
     params = ((*VEHICLES, 'hexarotor_tilting'),)
