@@ -109,6 +109,7 @@ test-numpy: .venv/.test
 
 benchmark: .venv/.benchmark
 	.venv/bin/python -m benchmarks --out benchmarks
+	PYTHONPATH=. .venv/bin/python docs/scripts/performance.py
 
 # In an environment without ROS, because asv passes its own environment on to those of the versions.
 asv := out/compare/asv/bin

@@ -1,48 +1,46 @@
-"""The echo node: the cost of a message without an allocation."""
+"""The echo node: what a message costs in plain rclpy, without an allocation.
 
-from typing import Any
+It answers each command/wrench with its numbers, as many as the argument says, in the message of
+command/motor_speed and with the same quality of service.
+"""
 
-import numpy as np
+import signal
+import sys
+from itertools import cycle, islice
+
+import rclpy
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from ca_ros.nodes import topics
-from ca_ros.nodes.diagnostics import Diagnostics
-from ca_ros.nodes.executable import run
-from ca_ros.nodes.messages import fill_speeds, nanoseconds, speeds_message, wrench_numbers
-from ca_ros.nodes.parameters import Parameters
-from ca_ros.nodes.stream import Streams
-from ca_ros.parameter_files import AllocatorSettings
-from ca_ros.vehicle.settings import AXES
-from ca_ros.vehicle.vehicle import Vehicle
+from ca_ros.nodes.topics import SPEED_COMMAND, WRENCH, offered, requested
 
 
-class EchoNode(Node):
-    """Answers each command/wrench with its numbers, as many as the vehicle has rotors.
+def main() -> None:
+    """Answer until a signal ends the process."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: sys.exit())
+    n = int(remove_ros_args(sys.argv)[1])
+    rclpy.init(args=sys.argv, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+    node = Node('echo')
+    speeds = node.create_publisher(Float64MultiArray, SPEED_COMMAND.name, offered('realtime'))
 
-    It has the same messages, labels, quality of service, executor and start as the allocator node,
-    and no timer and no diagnostics.  It converts messages as rclpy does.
-    """
+    def answer(command: WrenchStamped) -> None:
+        stamp, force, torque = command.header.stamp, command.wrench.force, command.wrench.torque
+        numbers = force.x, force.y, force.z, torque.x, torque.y, torque.z
+        message = Float64MultiArray(data=list(islice(cycle(numbers), n)))
+        label = f'stamp {stamp.sec * 1_000_000_000 + stamp.nanosec}'
+        message.layout.dim = [
+            MultiArrayDimension(label='rotor speed [rad/s]', size=n, stride=n),
+            MultiArrayDimension(label=label, size=1, stride=1),
+        ]
+        speeds.publish(message)
 
-    declared = AllocatorSettings
-
-    def __init__(self, node_name: str = 'echo', **kwargs: Any) -> None:
-        super().__init__(node_name, **kwargs)
-        settings = Parameters(self, self.declared).settings
-        n = Vehicle.from_settings(settings.vehicle, settings.rotors).n
-        self._chosen = np.arange(n) % len(AXES)
-        self._message = speeds_message(np.zeros(n), None)
-        diagnostics = Diagnostics(self, 'echo', str(settings.vehicle.name))
-        streams = Streams(self, settings.mode, diagnostics.drop, diagnostics.counts)
-        self._speeds = streams.publish(topics.SPEED_COMMAND)
-        streams.subscribe(topics.WRENCH, self._serve)
-
-    def _serve(self, command: WrenchStamped) -> None:
-        numbers = np.array(wrench_numbers(command)).take(self._chosen)
-        time = nanoseconds(command.header.stamp)
-        self._speeds.publish(fill_speeds(self._message, numbers, time))
+    node.create_subscription(WrenchStamped, WRENCH.name, answer, requested('realtime'))
+    while True:
+        rclpy.spin_once(node, timeout_sec=0.1)
 
 
 if __name__ == '__main__':
-    about = 'Answer wrenches (command/wrench) with their numbers (command/motor_speed).'
-    raise SystemExit(run('echo', EchoNode, about))
+    main()

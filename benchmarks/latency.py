@@ -1,9 +1,11 @@
 """The latency of the allocator node from command to rotor speeds, beside that of an echo node.
 
-Both nodes run all the time, each in a process and a namespace of its own, and get commands in
-short alternating blocks, so that background load affects both equally.
+The nodes run all the time, each in a process and a namespace of its own, and get commands in short
+alternating blocks, so that background load affects all equally.  ``python -m benchmarks.latency
+--base FOLDER`` measures the node of another version, too: FOLDER has its source with the kernel.
 """
 
+import argparse
 import gc
 import os
 import struct
@@ -23,7 +25,7 @@ from std_msgs.msg import Header
 from tqdm import tqdm
 
 from benchmarks import wrenches
-from benchmarks.sizes import Sizes
+from benchmarks.sizes import FULL, Sizes
 from ca_ros.errors import CaRosError
 from ca_ros.nodes.messages import wrench_message
 from ca_ros.nodes.topics import SPEED_COMMAND, WRENCH, offered, requested
@@ -33,7 +35,8 @@ from ca_ros.vehicle.files import find
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.vehicle import Vehicle
 
-MODULES = {'allocator': ['ca_ros_cli', 'allocator'], 'echo': ['benchmarks.echo']}
+COMMAND = {'ca_ros_cli.py': 'ca_ros_cli', 'ca_ros_commands.py': 'ca_ros_commands'}
+"""The module that starts a node, by a file of the source of a version: today's, and 0.2."""
 
 RATES = (250.0, 1000.0)  # rates at which latencies are measured [Hz]
 
@@ -42,23 +45,30 @@ START_TIMEOUT = 30.0
 ANSWER_MAX = 1.0  # time after which a command without an answer is lost [s]
 
 
-def measure_nodes(vehicle: str, sizes: Sizes) -> pd.DataFrame:
-    """Start both nodes for a vehicle's name or file, measure them, and end them.
+def measure_nodes(vehicle: str, sizes: Sizes, base: Path | None = None) -> pd.DataFrame:
+    """Start the nodes for a vehicle's name or file, measure them, and end them.
+
+    `base`: the source of another version, whose node is measured as ``base``.
 
     Returns one row per block: rate, node, percentiles of the latency [s], and how many commands
     were sent, answered, and late.  Raises a CaRosError if a node ends or does not answer.
     """
     os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
-    root = str(Path(__file__).parents[1])
-    os.environ['PYTHONPATH'] = os.pathsep.join([root, os.environ.get('PYTHONPATH', '')])
-    ros = ['--ros-args', '--params-file', str(find(vehicle).resolve()), '-p', 'mode:=realtime']
+    root = Path(__file__).parents[1]
+    ros = ['--ros-args', '-r', '/diagnostics:=diagnostics']
     # Between its blocks a node gets no commands, and stamps are numbers here.
-    ros += ['-p', 'command_timeout:=1.0e6', '-p', 'command_age_max:=0.0']
-    ros += ['-r', '/diagnostics:=diagnostics', '-r']
-    spaces = {kind: f'/benchmark_{kind}_{os.getpid()}' for kind in MODULES}
+    ours = ['-p', 'mode:=realtime', '-p', 'command_timeout:=1.0e6', '-p', 'command_age_max:=0.0']
+    nodes = {
+        kind: (source, [_command(source), 'allocator', *ros, *_parameters(source, vehicle), *ours])
+        for kind, source in {'allocator': root, 'base': base}.items() if source
+    }
+    nodes['echo'] = root, ['benchmarks.echo', str(Vehicle.load(vehicle).n), *ros]
+    spaces = {kind: f'/benchmark_{kind}_{os.getpid()}' for kind in nodes}
     children = {
-        kind: [sys.executable, '-m', *module, *ros, f'__ns:={spaces[kind]}']
-        for kind, module in MODULES.items()
+        # Python finds the modules of the folder in which it starts first.
+        kind: ['env', '-C', str(folder), sys.executable, '-m', *words,
+               '-r', f'__ns:={spaces[kind]}']
+        for kind, (folder, words) in nodes.items()
     }
     commands = flown(vehicle)
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
@@ -70,7 +80,7 @@ def measure_nodes(vehicle: str, sizes: Sizes) -> pd.DataFrame:
                 for name, code in processes.ended().items():
                     raise CaRosError(f'the {name} ended with exit code {code}')
 
-            clients = {kind: Client(node, spaces[kind], commands, watch) for kind in MODULES}
+            clients = {kind: Client(node, spaces[kind], commands, watch) for kind in nodes}
             for client in clients.values():
                 client.wait_for_node()
                 # The first commands fill caches and are not measured.
@@ -79,6 +89,20 @@ def measure_nodes(vehicle: str, sizes: Sizes) -> pd.DataFrame:
     finally:
         node.destroy_node()
         try_shutdown()
+
+
+def _command(source: Path) -> str:
+    """Return the module that starts the nodes of a version."""
+    for file, module in COMMAND.items():
+        if (source / file).exists():
+            return module
+    raise CaRosError(f'{source} has none of {", ".join(COMMAND)}')
+
+
+def _parameters(source: Path, vehicle: str) -> list[str]:
+    """Return the options with the file of a vehicle: of a shipped one, that of the version."""
+    shipped = source / 'config' / f'{vehicle}.yaml'
+    return ['--params-file', str((shipped if shipped.exists() else find(vehicle)).resolve())]
 
 
 def flown(name: str) -> list[bytes]:
@@ -182,3 +206,25 @@ def metrics(rows: pd.DataFrame, period: float) -> dict[str, float]:
     in_time = int((rows['delay'] + rows['latency'] <= period).sum())
     counts = {'sent': len(rows), 'answered': int(rows['latency'].count())}
     return {'p50': p50, 'p99': p99, 'late': len(rows) - in_time, **counts}
+
+
+def main() -> None:
+    """Measure, and print the medians over the blocks and the ratios to the other version."""
+    parser = argparse.ArgumentParser(prog='python -m benchmarks.latency', description=__doc__)
+    parser.add_argument('--vehicle', default='hexarotor', help='a shipped vehicle or a YAML file')
+    parser.add_argument('--base', type=Path, help='the source of another version')
+    options = parser.parse_args()
+    rows = measure_nodes(options.vehicle, FULL, options.base)
+    for rate, own in rows.groupby('wrenches', sort=False):
+        cells = own.pivot_table(['p50', 'p99'], 'repetition', 'contender')
+        for metric in ('p50', 'p99'):
+            times = cells[metric]
+            words = [f'{kind} {1e6 * times[kind].median():.0f} us' for kind in times]
+            if 'base' in times:
+                over = (times['allocator'] / times['base']).median()
+                words.append(f'allocator over base {over:.2f}')
+            print(f'{rate} {metric}:', ', '.join(words))
+
+
+if __name__ == '__main__':
+    main()

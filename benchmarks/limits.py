@@ -78,9 +78,6 @@ def _limits(
         key = Key('set-up', axes, 'exact', 16)
         time = 1e3 * float(results.loc[key, 'time']) if key in results.index else None
         yield f'audit and set-up of `exact`, 16 rotors, {axes} [ms]', limit, {'': time}
-    for percentile, limit in (('p50', 1.05), ('p99', 1.15)):
-        what = f'latency {percentile} of the node over that of an echo node, 250 Hz'
-        yield what, limit, {'': node_ratio(rows, '250 Hz', percentile)}
 
 
 def node_ratio(rows: pd.DataFrame, rate: str, metric: str) -> float | None:
