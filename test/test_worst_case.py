@@ -70,6 +70,9 @@ def test_the_export_states_the_bound_and_the_instructions_of_the_worst_calls(tmp
         # A pseudo-inverse of 6 x 4 takes about 250.
         assert 500 * (call.steps + call.pivots) < count < 1e5
         assert f'| {call.steps} | {call.pivots} | {count} |' in text
+    most = worst.at_bounds(bound, counts)
+    assert max(counts) < most < 1e7
+    assert f'would take {most:,} instructions'.replace(',', ' ') in text
 
 
 def test_rotors_that_tilt_have_no_worst_case(tmp_path, capsys):

@@ -24,7 +24,7 @@ class Timed:
     samples in few turns.
     """
 
-    rounds = 7
+    rounds = 5
     repeat = 5
     sample_time = 0.005
     warmup_time = 0.02

@@ -166,6 +166,17 @@ class Worst:
     count: int = 0
     calls: dict[str, Call] = field(default_factory=dict)
 
+    def at_bounds(self, bounds: Bounds, counts: list[int]) -> int:
+        """Return the instructions of a call that reaches the bounds of its loops.
+
+        `counts` are those of the `calls`; a step and a pivot count as in the one with the most.
+        """
+        taken = dict(zip(self.calls, counts, strict=True))
+        return sum(
+            -(-getattr(bounds, name) * count // getattr(self.calls[name], name))
+            for name, count in taken.items()
+        )
+
     def meet(self, firmware: Firmware, fault: int, u: Array) -> Array:
         """Allocate wrenches (N, m); return their steps and pivots (N, 2)."""
         demands = np.ascontiguousarray(u, firmware.dtype)

@@ -49,9 +49,10 @@ def main() -> None:
         for name in present
     ]  # fmt: skip
     sizes = [4, 8, 16, 32]
+    kinds = 'flight', 'boundary'
     rotors = [
         (f'`{name}`', *(' / '.join(
-            number(1e6 * found.loc['rotors', kind, name, n].time) for kind in ('flight', 'boundary'))
+            number(1e6 * found.loc['rotors', kind, name, n].time) for kind in kinds)
             for n in sizes))
         for name in ('exact', 'daqp_reused')
     ]  # fmt: skip
