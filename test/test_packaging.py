@@ -16,12 +16,12 @@ import pytest
 import ca_ros
 import ca_ros.testing
 from ca_ros import ALLOCATORS
-from ca_ros.vehicle.files import config_directory
+from ca_ros.vehicle.files import shipped_problems, shipped_tilting, shipped_vehicles
 from ca_ros_cli import COMMANDS, STUDIES
 
 ROOT = Path(__file__).resolve().parent.parent
-VEHICLES = sorted(file.stem for file in config_directory().glob('*.yaml'))
-CASES = sorted(file.stem for file in config_directory().rglob('*.yaml'))
+VEHICLES = sorted(shipped_vehicles())
+CASES = sorted((*VEHICLES, *shipped_tilting(), *shipped_problems()))
 PLACES = {key: value for key, value in os.environ.items() if key == 'PYTHONPATH'}
 """Where colcon has installed the package."""
 
