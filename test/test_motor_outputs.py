@@ -125,6 +125,8 @@ def test_a_problem_without_a_vehicle_in_the_node(graph):
     settles(faster)
     healths.publish(Float64MultiArray(data=[1.0, 1.0, 0.5, 1.0, 4.0, 0.1]))
     settles(faster.with_health([1.0, 1.0, 0.5, 1.0], stuck={4: 0.1}))
+    diagnostics.wait(
+        'allocator', lambda _, text, values: values['stuck effectors'] == '4', 'a stuck effector')
     matrices.publish(matrix_message(admire.gamma))
     settles(Exact(admire).with_health([1.0, 1.0, 0.5, 1.0], stuck={4: 0.1}))
     # Without elevons the rudder rolls and yaws: the other axes keep their places in the wrench.
@@ -148,7 +150,6 @@ def test_a_problem_without_a_vehicle_in_the_node(graph):
     _, err = graph.end(process, signal.SIGTERM)
     assert 'Traceback' not in err
     assert 'expected 3 rows, one per axis, of 4 numbers, one per effector' in err
-    assert 'effector 4 stuck at 0.1' in err
     assert process.returncode == 0
 
 
