@@ -182,8 +182,7 @@ class Reconfiguration(Generic[Made]):
         voltage: float | None,
     ) -> Audit:
         """Return the audit of what is declared as it is believed to be."""
-        vehicle = declared.with_stuck_servos(
-            [x for pair in stuck.items() for x in pair] or 0.0).with_health(health, arms)
+        vehicle = declared.with_stuck_servos(stuck).with_health(health, arms)
         return accept(vehicle if voltage is None else vehicle.at_voltage(voltage), 'drop')
 
     def apply(self, configuration: Configuration[Made]) -> None:

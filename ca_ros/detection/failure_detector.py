@@ -240,8 +240,7 @@ class FailureDetector:
         before, servos = self._delivered, self.vehicle.servos
         vehicle = self.vehicle.with_health(health)
         if len(servos):
-            pairs = [x for pair in (stuck or {}).items() for x in pair]
-            vehicle = vehicle.with_stuck_servos(pairs or 0.0)
+            vehicle = vehicle.with_stuck_servos(stuck or {})
         self.vehicle = vehicle
         unfound = [since is None for since in self.since]
         self._delivered = np.where(unfound, vehicle.health, np.minimum(before, vehicle.health))

@@ -107,7 +107,7 @@ class VehicleProblem(AllocationProblem):
         """
         vehicle = self.vehicle
         if stuck is not None:
-            vehicle = vehicle.with_stuck_servos([x for pair in stuck.items() for x in pair] or 0.0)
+            vehicle = vehicle.with_stuck_servos(stuck)
         return VehicleProblem(vehicle.with_health(health, failed_arms))
 
     def with_matrix(self, matrix: ArrayLike) -> AllocationProblem:

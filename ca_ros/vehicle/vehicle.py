@@ -301,11 +301,14 @@ class Vehicle:
         """Return the same vehicle with the servo of a rotor (from 1) stuck at an angle [rad]."""
         return replace(self, servos=self.servos.stuck(rotor - 1, angle))
 
-    def with_stuck_servos(self, pairs: ArrayLike) -> Vehicle:
+    def with_stuck_servos(self, pairs: ArrayLike | Mapping[int, float]) -> Vehicle:
         """Return the same vehicle with these servos stuck, and no others.
 
-        `pairs` (2 k,), or 0 for none: see `RotorSettings.stuck_servos`.
+        `pairs` has by rotor, from 1, the angle [rad]; or it is (2 k,), or 0 for none: see
+        `RotorSettings.stuck_servos`.
         """
+        if isinstance(pairs, Mapping):
+            pairs = [x for pair in pairs.items() for x in pair] or 0.0
         flat = np.ravel(np.asarray(pairs, dtype=float))
         stuck = self.servos.unstuck is not None
         sound = replace(self, servos=self.servos.sound) if stuck else self
