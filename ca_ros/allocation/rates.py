@@ -48,8 +48,7 @@ def limited(allocator: Allocator) -> SlewLimited | TiltLimited | Reduced | None:
     """Return what allocates within the rates of a vehicle; None if it has none."""
     if isinstance(allocator, Reduced):
         inner = limited(allocator.method)
-        return inner and Reduced(
-            allocator.problem, allocator.method, allocator.settings, inner)
+        return inner and allocator.within(inner)
     rates, turning = allocator.problem.rates, allocator.problem.turning_rates
     if isinstance(allocator, AtRest) or (rates is None and not turning.any()):
         return None

@@ -1,17 +1,16 @@
-"""A method for some of the axes of a problem: those that failures have left."""
+"""A method for the axes of a problem that failures have left, and its answers for all axes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import cached_property
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.allocation.allocator import Allocator, AtRest
-from ca_ros.allocation.certificate import Certificate
 from ca_ros.allocation.explanation import Explanation
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array
@@ -21,15 +20,9 @@ from ca_ros.problem.problem import AllocationProblem
 
 def allocator_for(kind: type[Allocator], report: Audit, settings: Any) -> Allocator:
     """Return the allocator of a class for what an audit left, with its `independent` axes."""
-    problem = report.independent
-    if problem.powerless:
-        # The settings must suit the effectors when they return.
-        kind(audit(report.full.with_health(1.0)).independent, settings)
-        return AtRest(problem)
-    part, suited = kind.suited(report, settings)
-    if part.axes == problem.axes:
-        return kind(problem, suited)
-    return Reduced(problem, kind(part, suited), settings)
+    problem, method = report.independent, method_for(kind, report, settings)
+    whole = method.problem.axes == problem.axes
+    return method if whole else Reduced(problem, kind, method, report, settings)
 
 
 def after_failures(
@@ -39,45 +32,22 @@ def after_failures(
     if not problem.failed:
         return kind(problem, settings)
     report = audit(problem)
-    method = allocator_for(kind, report, settings)
+    method = method_for(kind, report, settings)
     whole = type(method) is kind and method.problem.axes == problem.axes and not report.lost
-    return method if whole else Failed(report, kind, method, settings)
+    return method if whole else Reduced(report.full, kind, method, report, settings)
 
 
-class WholeAllocation(Allocation):
-    """The answer for all axes of a problem, of a method that has some of them.
-
-    - `part`: the answer of the method, whose certificate this answer has
-    - `maker`: the allocator
-    """
-
-    part: Allocation | None = None
-    maker: Reduced | None = None
-
-    @classmethod
-    def of(cls, maker: Reduced, part: Allocation, demand: Array, status: Status) -> Allocation:
-        """Return the answer of an allocator for a demand (m,)."""
-        made = cls(
-            maker.problem, demand, part.thrusts, status, part.level, part.violation,
-            part.preference, part.bounds, part.by_rate)
-        made.__dict__.update(part=part, maker=maker)
-        return made
-
-    @cached_property
-    def certificate(self) -> Certificate[float]:
-        """The certificate of the axes that the method has."""
-        return super().certificate if self.part is None else self.part.certificate
-
-    @cached_property
-    def explanation(self) -> Explanation:
-        """As that of the method, with rows for all axes."""
-        if self.part is None or self.maker is None:
-            return super().explanation
-        return self.maker.explained(self.part, self)
+def method_for(kind: type[Allocator], report: Audit, settings: Any) -> Allocator:
+    """Return the method of a class for the axes that it can serve of what an audit left."""
+    if report.independent.powerless:
+        # The settings must suit the effectors when they return.
+        kind(audit(report.full.with_health(1.0)).independent, settings)
+        return AtRest(report.independent)
+    return kind(*kind.suited(report, settings))
 
 
 class WholeBatch(AllocationBatch):
-    """The same for many demands."""
+    """The answers of `Reduced` for many demands; `part` are those of its method."""
 
     part: AllocationBatch | None = None
     maker: Reduced | None = None
@@ -97,20 +67,35 @@ class Reduced(Allocator):
     what the method calls `missed`.
 
     - `problem`: of all axes
+    - `kind`: the class that was asked for; `method` may be `AtRest`
     - `method`: with the problem of its axes
+    - `report`: the audit that found the lost axes
     - `within`: the same within rates, if these limit the answers
     """
 
     takes_vectors = True
 
     def __init__(
-        self, problem: AllocationProblem, method: Allocator, settings: Any, within: Any = None
+        self, problem: AllocationProblem, kind: type[Allocator], method: Allocator, report: Audit,
+        settings: Any, within: Any = None,
     ) -> None:
         self.problem, self.method, self.settings = problem, method, settings
         self.engine, self.missed = method.engine, method.missed
+        self._kind, self.audit = kind, report
         self._answering: Any = method if within is None else within
         axes = problem.axes
         self._rows = np.array([axes.index(axis) for axis in method.problem.axes], dtype=int)
+
+    def __repr__(self) -> str:
+        """Return the same as of the method, with the lost axes."""
+        lost = ', '.join(self.lost_axes) or 'none'
+        return f'{super().__repr__()}, lost axes {lost}'.replace(
+            type(self).__name__, self._kind.__name__, 1)
+
+    def within(self, limited: Any) -> Reduced:
+        """Return the same with the method within rates."""
+        return Reduced(
+            self.problem, self._kind, self.method, self.audit, self.settings, limited)
 
     def _allocate(self, u: Array) -> Allocation:
         return self.whole(self._answering.allocate(u[self._rows]), u)
@@ -138,7 +123,11 @@ class Reduced(Allocator):
         if isinstance(answer, Allocation):
             status = Status.EXACT if exact else (
                 self.missed if answer.status is Status.EXACT else answer.status)
-            return WholeAllocation.of(self, answer, u, status)
+            one = Allocation(
+                self.problem, u, answer.thrusts, status, answer.level, answer.violation,
+                answer.preference, answer.bounds, answer.by_rate, partial(self._explained, answer))
+            one.__dict__['part'] = answer
+            return one
         found = np.where(answer.status == Status.EXACT, np.int8(self.missed), answer.status)
         made = WholeBatch(
             self.problem, u, answer.thrusts,
@@ -147,60 +136,35 @@ class Reduced(Allocator):
         made.__dict__.update(part=answer, maker=self)
         return made
 
-    def explained(self, answer: Allocation, whole: Allocation) -> Explanation:
-        """Return the explanation of an answer with rows for all axes; NaN for those left out."""
-        part, m = answer.explanation, len(self.problem.axes)
+    def _explained(self, part: Allocation, whole: Allocation) -> Explanation:
+        """Return the explanation of an answer with rows for all axes; NaN for lost ones."""
+        found, axes = part.explanation, self.problem.axes
 
         def spread(rows: Any, rest: float) -> Any:
-            full = np.full((m, *rows.shape[1:]), rest, dtype=rows.dtype)
+            full = np.full((len(axes), *rows.shape[1:]), rest, dtype=rows.dtype)
             full[self._rows] = rows
             return full
 
-        others = ['the failures, which leave the axis uncontrollable'] * m
-        for row, words in zip(self._rows.tolist(), part.others, strict=True):
+        others = ['the failures, which leave the axis uncontrollable'] * len(axes)
+        for row, words in zip(self._rows.tolist(), found.others, strict=True):
             others[row] = words
+        lost = [axis in self.lost_axes for axis in axes]
         return replace(
-            part, problem=self.problem, demand=whole.demand, others=others,
-            served=spread(part.served, np.nan), missed=spread(part.missed, np.nan),
-            blocks=spread(part.blocks, 0), gain=spread(part.gain, 0.0),
-            joint_gain=spread(part.joint_gain, 0.0),
-            airmode_blocks=spread(part.airmode_blocks, 0), airmode=spread(part.airmode, 0.0))
-
-    def with_health(
-        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = (),
-        stuck: Mapping[int, float] | None = None,
-    ) -> Allocator:
-        """Raise a TypeError: ask the allocator of the sound vehicle."""
-        raise TypeError('with_health: ask the allocator before within_rates')
-
-
-class Failed(Reduced):
-    """The method of an allocator after failures, with all axes."""
-
-    def __init__(
-        self, report: Audit, kind: type[Allocator], method: Allocator, settings: Any
-    ) -> None:
-        super().__init__(report.full, method, settings)
-        self._kind, self.audit = kind, report
-
-    def __repr__(self) -> str:
-        """Return the same as of the method, with the lost axes."""
-        lost = ', '.join(self.lost_axes) or 'none'
-        return f'{super().__repr__()}, lost axes {lost}'.replace(
-            type(self).__name__, self._kind.__name__, 1)
-
-    def explained(self, answer: Allocation, whole: Allocation) -> Explanation:
-        """Return the explanation with NaN as what was served of lost axes."""
-        found = super().explained(answer, whole)
-        lost = [axis in self.audit.lost for axis in self.problem.axes]
-        return replace(found, served=np.where(lost, np.nan, found.served))
+            found, problem=self.problem, demand=whole.demand, others=others,
+            served=np.where(lost, np.nan, spread(found.served, np.nan)),
+            missed=spread(found.missed, np.nan),
+            blocks=spread(found.blocks, 0), gain=spread(found.gain, 0.0),
+            joint_gain=spread(found.joint_gain, 0.0),
+            airmode_blocks=spread(found.airmode_blocks, 0), airmode=spread(found.airmode, 0.0))
 
     def with_health(
         self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = (),
         stuck: Mapping[int, float] | None = None,
     ) -> Allocator:
         """Return the same method for other health; see `Allocator.with_health`."""
-        return self._for(self.problem.with_health(health, failed_arms, stuck))
+        if self._answering is not self.method:
+            raise TypeError('with_health: ask the allocator before within_rates')
+        return super().with_health(health, failed_arms, stuck)
 
     def _for(self, problem: AllocationProblem) -> Allocator:
         return after_failures(self._kind, problem, self.settings)

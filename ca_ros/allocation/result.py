@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import Enum, IntEnum
 from functools import cached_property
-from typing import Any, overload
+from typing import Any, Generic, overload
 
 import numpy as np
 
-from ca_ros.allocation.certificate import Certificate, certify
+from ca_ros.allocation.certificate import Certificate, Number, certify
 from ca_ros.allocation.explanation import Explanation, explain
 from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.problem.problem import AllocationProblem
@@ -40,7 +40,7 @@ class Status(IntEnum):
     __format__ = Enum.__format__
 
 
-class Answer:
+class Answer(Generic[Number]):
     """What `Allocation` and `AllocationBatch` have in common; see there."""
 
     problem: AllocationProblem
@@ -48,6 +48,8 @@ class Answer:
     thrusts: Array
     preference: tuple[Array, Array] | None
     bounds: tuple[Array, Array] | None = None
+    part: Any = None
+    """The answer of the method, if that has only some of the axes: its certificate counts."""
 
     @property
     def effectors(self) -> Array:
@@ -92,13 +94,15 @@ class Answer:
         return self.problem.saturation(self.thrusts, self.bounds)
 
     @cached_property
-    def certificate(self) -> Certificate[Any]:
+    def certificate(self) -> Certificate[Number]:
         """The certificate, computed from the problem's data at the first access."""
+        if self.part is not None:
+            return self.part.certificate
         return certify(self.problem, self.demand, self.thrusts, self.preference, self.bounds)
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class Allocation(Answer):
+class Allocation(Answer[float]):
     """The thrusts for a demanded wrench.
 
     Attributes
@@ -166,11 +170,6 @@ class Allocation(Answer):
         if _explain is not None:
             fields['_explain'] = _explain
 
-    @cached_property
-    def certificate(self) -> Certificate[float]:
-        """The certificate, computed from the problem's data at the first access."""
-        return super().certificate
-
     def __str__(self) -> str:
         """Return the status and the wrench by axis, with the demand where it differs."""
         ends = np.round([self.wrench, self.demand], 9) + 0.0
@@ -201,7 +200,7 @@ class Allocation(Answer):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AllocationBatch(Answer):
+class AllocationBatch(Answer[Array]):
     """The thrusts for N demanded wrenches; attributes and properties have a leading N.
 
     Attributes
@@ -231,11 +230,6 @@ class AllocationBatch(Answer):
     level: Array
     violation: Array
     preference: tuple[Array, Array] | None = None
-
-    @cached_property
-    def certificate(self) -> Certificate[Array]:
-        """The certificates of all answers."""
-        return super().certificate
 
     def __len__(self) -> int:
         """Return the number of wrenches."""
