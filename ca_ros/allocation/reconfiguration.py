@@ -5,10 +5,10 @@ vehicle.  The news comes from several sources at any time; one object takes it, 
 made for less than the newest of all of them.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,14 +29,30 @@ Arms = tuple[tuple[int, int], ...]
 Made = TypeVar('Made')
 
 
+class Failures(NamedTuple):
+    """What is said of failures: by one source, or by all of them together.
+
+    - `health` (n,)
+    - `arms`: the `failed_arms` of `Vehicle.with_health`
+    - `stuck`: by rotor, from 1, the angle at which its servo sticks [rad]
+    """
+
+    health: Array
+    arms: Arms
+    stuck: Mapping[int, float]
+
+    @property
+    def key(self) -> Hashable:
+        """What differs if something else is said."""
+        return self.health.tobytes(), self.arms, frozenset(self.stuck.items())
+
+
 @dataclass(frozen=True, eq=False)
 class Configuration(Generic[Made]):
     """What was made, and what for; it is replaced as a whole.
 
     - `declared`: what the settings declare, without failures
-    - `settings`, `health` (n,), `stuck`, `arms`, `voltage` [V]: the belief; `stuck` has by rotor,
-      from 1, the angle at which its servo sticks [rad]; `arms` are the `failed_arms` of
-      `Vehicle.with_health`; the voltage is None if it is unknown
+    - `settings`, `failures`, `voltage` [V]: the belief; the voltage is None if it is unknown
     - `audit`: of the vehicle as it is believed to be
     - `built`: for that audit
     - `duration`: the time that audit and making took [s]
@@ -44,9 +60,7 @@ class Configuration(Generic[Made]):
 
     declared: Any
     settings: Any
-    health: Array
-    stuck: dict[int, float]
-    arms: Arms
+    failures: Failures
     voltage: float | None
     audit: Audit
     built: Made
@@ -80,12 +94,8 @@ class Reconfiguration(Generic[Made]):
         Why the belief is not in force; empty if it is.
     voltage : float or None
         The newest voltage [V].
-    reported : dict
-        By source the newest health (n,).
-    reported_stuck : dict
-        By source the newest stuck servos: by rotor, from 1, the angle [rad].
-    reported_arms : dict
-        By source the newest arms of which one rotor has failed.
+    reported : dict of Failures
+        The newest by source.
 
     Raises
     ------
@@ -94,15 +104,15 @@ class Reconfiguration(Generic[Made]):
         only drop axes.
     """
 
+    effector: ClassVar[str] = 'rotor'
+
     def __init__(
         self, settings: Any, make: Callable[[Any, Audit, Made | None], Made],
         made: Made | None = None,
     ) -> None:
         self._make = make
         self._declared = self._declare(settings)
-        self.reported: dict[str, Array] = {}
-        self.reported_stuck: dict[str, dict[int, float]] = {}
-        self.reported_arms: dict[str, Arms] = {}
+        self.reported: dict[str, Failures] = {}
         self.voltage: float | None = None
         self.fault = ''
         self._failed: object = None
@@ -110,8 +120,8 @@ class Reconfiguration(Generic[Made]):
         report = self._accept(self._declared)
         found = make(settings, report, None) if made is None else made
         self.in_force: Configuration[Made] = Configuration(
-            self._declared, settings, self._declared.health, self._stuck(settings), (), None,
-            report, found, perf_counter() - begun)
+            self._declared, settings, self._own(settings), None, report, found,
+            perf_counter() - begun)
 
     def _declare(self, settings: Any) -> Any:
         """Return what the settings declare."""
@@ -129,8 +139,8 @@ class Reconfiguration(Generic[Made]):
         `stuck` are the servos that it reports to stick: by rotor, from 1, the angle [rad].  `arms`
         are the `failed_arms` of `Vehicle.with_health`.  Raises what `check` raises.
         """
-        self.reported[source] = self.check(health, stuck, arms)
-        self.reported_stuck[source], self.reported_arms[source] = dict(stuck or {}), arms
+        shares = self.check(health, stuck, arms)
+        self.reported[source] = Failures(shares, arms, stuck or {})
         return self._follow()
 
     def check(
@@ -141,12 +151,11 @@ class Reconfiguration(Generic[Made]):
         Raises a ParameterError if it is not n numbers in [0, 1], a servo cannot stick there, or an
         arm is not of two rotors.
         """
-        shares, n = floats(health), self._declared.n
-        if shares.shape != (n,) or not ((shares >= 0.0) & (shares <= 1.0)).all():
-            raise ParameterError(f'rotor health {shares}: expected {n} numbers in [0, 1]')
-        for rotor, angle in (stuck or {}).items():
-            self._declared.with_stuck_servo(rotor, angle)
-        self._declared.with_health(1.0, arms)
+        shares, shape = floats(health), self._declared.health.shape
+        if shares.shape != shape or not ((shares >= 0.0) & (shares <= 1.0)).all():
+            what = f'expected {shape[0]} numbers in [0, 1]'
+            raise ParameterError(f'{self.effector} health {shares}: {what}')
+        self._declared.with_health(1.0, arms, stuck or {})
         return shares
 
     def measure(self, voltage: float) -> bool:
@@ -165,25 +174,20 @@ class Reconfiguration(Generic[Made]):
         What is in force is returned, with the settings, if they change nothing of it.  Raises what
         making it raises, a ValueError if the settings are wrong.
         """
-        now = self.in_force
-        health, stuck, voltage = self._health(settings), self._stuck(settings), self._voltage()
-        arms = self._arms(health)
-        if not self._differs(settings, health, stuck, arms, voltage):
-            return now if settings is now.settings else replace(now, settings=settings)
+        now, declared = self.in_force, self._declared
+        failures, voltage = self._failures(settings), self._voltage()
+        same = declared is now.declared and (failures.key, voltage) == (
+            now.failures.key, now.voltage)
+        if same and settings is now.settings:
+            return now
+        if same and _built_from(settings) == _built_from(now.settings):
+            return replace(now, settings=settings)
         begun = perf_counter()
-        declared = self._declared
-        report = self._audit(declared, health, stuck, arms, voltage)
+        failed = declared.with_health(*failures)
+        report = accept(failed if voltage is None else failed.at_voltage(voltage), 'drop')
         made = self._make(settings, report, now.built)
         return Configuration(
-            declared, settings, health, stuck, arms, voltage, report, made, perf_counter() - begun)
-
-    def _audit(
-        self, declared: Any, health: Array, stuck: dict[int, float], arms: Arms,
-        voltage: float | None,
-    ) -> Audit:
-        """Return the audit of what is declared as it is believed to be."""
-        vehicle = declared.with_stuck_servos(stuck).with_health(health, arms)
-        return accept(vehicle if voltage is None else vehicle.at_voltage(voltage), 'drop')
+            declared, settings, failures, voltage, report, made, perf_counter() - begun)
 
     def apply(self, configuration: Configuration[Made]) -> None:
         """Put in force what was prepared last."""
@@ -201,10 +205,7 @@ class Reconfiguration(Generic[Made]):
     def _follow(self) -> bool:
         """Put the newest belief in force; if it cannot be made, say so in `fault`."""
         settings = self.in_force.settings
-        health = self._health(settings)
-        belief = (
-            self._declared, health.tobytes(), self._stuck(settings), self._arms(health),
-            self._voltage())
+        belief = self._declared, self._failures(settings).key, self._voltage()
         if belief == self._failed:
             return False
         try:
@@ -215,34 +216,27 @@ class Reconfiguration(Generic[Made]):
             self.fault, self._failed = f'{kind}{error}', belief
             return False
 
-    def _health(self, settings: Any) -> Array:
-        """Return the least health (n,) over the sources."""
-        health = self._own_health(settings)
+    def _failures(self, settings: Any) -> Failures:
+        """Return what all sources say: the least health, and what sticks by any of them.
+
+        Of the arms those whose rotors have the same health.  Raises a ParameterError if there are
+        no servos such as those that stick by the settings.
+        """
+        health, _, stuck = self._own(settings)
         for each in self.reported.values():
-            health = np.minimum(health, each)
-        return health
+            health, stuck = np.minimum(health, each.health), {**stuck, **each.stuck}
+        arms = [arm for each in self.reported.values() for arm in each.arms]
+        alike = dict.fromkeys((i, j) for i, j in arms if health[i - 1] == health[j - 1])
+        return Failures(health, tuple(alike), stuck)
 
-    def _own_health(self, settings: Any) -> Array:
-        return repeated(HEALTH, settings.rotors.health, self._declared.n)
-
-    def _arms(self, health: Array) -> Arms:
-        """Return the arms by any source whose rotors have the same health of all sources (n,)."""
-        arms = [arm for each in self.reported_arms.values() for arm in each]
-        return tuple(dict.fromkeys((i, j) for i, j in arms if health[i - 1] == health[j - 1]))
-
-    def _stuck(self, settings: Any) -> dict[int, float]:
-        """Return the servos that stick by any source; a ParameterError if there are none such."""
-        found = self._own_stuck(settings)
-        for each in self.reported_stuck.values():
-            found |= each
-        return found
-
-    def _own_stuck(self, settings: Any) -> dict[int, float]:
+    def _own(self, settings: Any) -> Failures:
+        """Return what the settings say of failures."""
+        health = repeated(HEALTH, settings.rotors.health, self._declared.n)
         numbers = np.ravel(np.asarray(settings.rotors.stuck_servos, dtype=float))
         if numbers.tolist() == [0.0]:
-            return {}
+            return Failures(health, (), {})
         self._declared.with_stuck_servos(numbers)
-        return dict(numbers.reshape(-1, 2).tolist())
+        return Failures(health, (), dict(numbers.reshape(-1, 2).tolist()))
 
     def _voltage(self) -> float | None:
         newest, held = self.voltage, self.in_force.voltage
@@ -250,28 +244,12 @@ class Reconfiguration(Generic[Made]):
             return newest
         return newest if abs(newest - held) > VOLTAGE_STEP * held else held
 
-    def _differs(
-        self, settings: Any, health: Array, stuck: dict[int, float], arms: Arms,
-        voltage: float | None,
-    ) -> bool:
-        """Return whether settings and belief ask for another build than that in force."""
-        now = self.in_force
-        if self._declared is not now.declared:
-            return True
-        others = stuck, arms, voltage
-        if others != (now.stuck, now.arms, now.voltage) or not np.array_equal(health, now.health):
-            return True
-        if settings is now.settings:
-            return False
-        return _built_from(settings) != _built_from(now.settings)
-
 
 def _built_from(settings: Any) -> dict[str, Any]:
     """Return the groups of settings; those outside of a group, and the health, are no part."""
-    groups = {
+    return {
         name: {**vars(each), 'health': None} for name, each in vars(settings).items()
         if isinstance(each, Settings)}
-    return groups
 
 
 class ProblemReconfiguration(Reconfiguration[Made]):
@@ -281,27 +259,13 @@ class ProblemReconfiguration(Reconfiguration[Made]):
     stuck: by effector, from 1, the value.
     """
 
+    effector = 'effector'
+
     def _declare(self, settings: Any) -> AllocationProblem:
         return AllocationProblem.load(settings.problem)
 
     def _accept(self, declared: Any) -> Audit:
         return audit(declared)
-
-    def _audit(
-        self, declared: Any, health: Array, stuck: dict[int, float], arms: Arms,
-        voltage: float | None,
-    ) -> Audit:
-        return audit(declared.with_health(health, arms, stuck))
-
-    def check(
-        self, health: ArrayLike, stuck: Mapping[int, float] | None = None, arms: Arms = ()
-    ) -> Array:
-        """Return the health of a report, of each effector; see `Reconfiguration.check`."""
-        shares, shape = floats(health), self._declared.health.shape
-        if shares.shape != shape:
-            raise ParameterError(f'effector health {shares}: expected {shape[0]} numbers')
-        self._declared.with_health(shares, arms, stuck or {})
-        return shares
 
     def change_matrix(self, matrix: ArrayLike) -> bool:
         """Take another matrix (m, n); return whether something new is in force.
@@ -316,8 +280,5 @@ class ProblemReconfiguration(Reconfiguration[Made]):
         self._declared = declared
         return self._follow()
 
-    def _own_health(self, settings: Any) -> Array:
-        return np.ones_like(self._declared.health)
-
-    def _own_stuck(self, settings: Any) -> dict[int, float]:
-        return {}
+    def _own(self, settings: Any) -> Failures:
+        return Failures(np.ones_like(self._declared.health), (), {})

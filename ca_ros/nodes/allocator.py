@@ -93,11 +93,12 @@ class ProblemBelief(Belief):
     def values(self) -> Mapping[str, object]:
         """Return what is in force, for the diagnostics."""
         now = self.current.in_force
-        lost = (np.flatnonzero(now.health == 0.0) + 1).tolist()
+        health, _, stuck = now.failures
+        lost = (np.flatnonzero(health == 0.0) + 1).tolist()
         return {
-            'health in use': ', '.join(f'{share:.3g}' for share in now.health),
+            'health in use': ', '.join(f'{share:.3g}' for share in health),
             'lost effectors': ', '.join(map(str, lost)) or 'none',
-            'stuck effectors': ', '.join(map(str, now.stuck)) or 'none',
+            'stuck effectors': ', '.join(map(str, stuck)) or 'none',
             **self._parameters.mode.values(), 'last build [ms]': f'{1e3 * now.duration:.2f}'}
 
     def _news(self, report: Audit) -> str:

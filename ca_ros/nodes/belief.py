@@ -10,7 +10,7 @@ import numpy as np
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
-from ca_ros.allocation.reconfiguration import Reconfiguration
+from ca_ros.allocation.reconfiguration import Failures, Reconfiguration
 from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics, Level
@@ -56,7 +56,7 @@ class Belief:
         self._health_time = -1
         self._voltage_time = inf
         self._logged_audit: Audit | None = None
-        self._logged_reports: dict[str, tuple[Array, str]] = {}
+        self._logged_reports: dict[str, tuple[Failures, str]] = {}
         self._logged_fault = ''
 
     @property
@@ -104,7 +104,7 @@ class Belief:
         for name, reported in self.current.reported.items():
             newest, text = self._logged_reports.get(name, (None, self.sound))
             if reported is not newest:
-                now = self._reductions(reported, self.current.reported_stuck[name])
+                now = self._reductions(reported.health, reported.stuck)
                 self._logged_reports[name] = reported, now
                 if now != text:
                     self._node.get_logger().warning(f'{name}: {now}')

@@ -85,8 +85,8 @@ class MonitorNode(Node):
 
     def _use(self) -> None:
         self.detector: Detector = self.belief.built
-        now = self.belief.current.in_force
-        self.detector.announce(now.health, now.stuck)
+        failures = self.belief.current.in_force.failures
+        self.detector.announce(failures.health, failures.stuck)
         self._announced = True
 
     def _publish_announced(self) -> None:

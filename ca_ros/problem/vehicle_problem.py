@@ -101,14 +101,8 @@ class VehicleProblem(AllocationProblem):
         self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = (),
         stuck: Mapping[int, float] | None = None,
     ) -> VehicleProblem:
-        """Return the problem of the vehicle with other health; see `Vehicle.with_health`.
-
-        `stuck`: by rotor, from 1, the angle at which its servo sticks [rad].
-        """
-        vehicle = self.vehicle
-        if stuck is not None:
-            vehicle = vehicle.with_stuck_servos(stuck)
-        return VehicleProblem(vehicle.with_health(health, failed_arms))
+        """Return the problem of the vehicle with other health; see `Vehicle.with_health`."""
+        return VehicleProblem(self.vehicle.with_health(health, failed_arms, stuck))
 
     def with_matrix(self, matrix: ArrayLike) -> AllocationProblem:
         """Raise a TypeError: the matrix of a vehicle follows from its rotors."""

@@ -244,7 +244,8 @@ class Vehicle:
         return vehicle.at_voltage(rotors.battery_voltage) if rotors.battery_voltage else vehicle
 
     def with_health(
-        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = ()
+        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = (),
+        stuck: Mapping[int, float] | None = None,
     ) -> Vehicle:
         """Return the same vehicle with other rotor health, a scalar or (n,) in [0, 1].
 
@@ -254,8 +255,11 @@ class Vehicle:
         norms give both the same thrust.  The true yaw torque of the arm differs from zero by at
         most the torque coefficient over the thrust coefficient times its thrust.
 
-        Raises a ParameterError if a health is out of bounds, or an arm is not two rotors with
-        the same health.
+        `stuck` has by rotor, from 1, the angle at which its servo sticks [rad]; by default those
+        stick that stick already.
+
+        Raises a ParameterError if a health is out of bounds, an arm is not two rotors with the
+        same health, or a servo cannot stick there.
         """
         try:
             shares = floats(health)
@@ -270,7 +274,8 @@ class Vehicle:
             inside = 1 <= i <= self.n and 1 <= j <= self.n and i != j
             if not inside or shares[i - 1] != shares[j - 1]:
                 raise ParameterError(f'arm {i} {j}: expected two rotors with the same health')
-        return replace(self, health=shares, failed_arms=arms)
+        servos = self.servos if stuck is None else self.with_stuck_servos(stuck).servos
+        return replace(self, health=shares, failed_arms=arms, servos=servos)
 
     def at_voltage(self, voltage: float) -> Vehicle:
         """Return the same vehicle with the greatest speeds that a battery of a voltage [V] allows.
