@@ -20,9 +20,10 @@ from ca_ros.figures import DASHED, WIDTHS, draw_lines, line, mark, rotor_lines, 
 from ca_ros.problem.audit import audit
 from ca_ros.problem.limits import shares
 from ca_ros.simulation.record import Flight
+from ca_ros.vehicle.motors import HEALTH_MIN
 from ca_ros.vehicle.settings import AXES
 from ca_ros.vehicle.state import difference
-from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
+from ca_ros.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
     # bringup flies without matplotlib.

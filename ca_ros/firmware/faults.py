@@ -13,7 +13,8 @@ from ca_ros.problem.audit import VehicleAudit, accept, audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.failures import in_words, read_failures, with_failures
-from ca_ros.vehicle.vehicle import HEALTH_MIN, Vehicle
+from ca_ros.vehicle.motors import HEALTH_MIN
+from ca_ros.vehicle.vehicle import Vehicle
 
 CHOICES = ('none', 'single')  # names of sets of faults: no fault, or the loss of each single rotor
 

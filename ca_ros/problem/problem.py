@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray, IntArray, constant, floats
+from ca_ros.problem.failures import sets_after, shares_of
 from ca_ros.problem.files import read_problem
 from ca_ros.problem.programs import (
     EXACT_TOLERANCE,
@@ -31,7 +32,6 @@ from ca_ros.solver.zonotope import Zonotope, decomposition
 from ca_ros.vehicle.fields import EFFECTORS_MAX
 from ca_ros.vehicle.files import shipped_problems
 from ca_ros.vehicle.validation import ABSURD, different_names, numbers, ordered_bounds, repeated
-from ca_ros.vehicle.vehicle import HEALTH_MIN
 
 UNITS_MIN = 1e-6  # least range of an axis, also over the greatest, to judge errors
 INSIDE = 0.99  # greatest share of the way to the boundary at which a line may begin
@@ -312,43 +312,18 @@ class AllocationProblem:
             If the health is not one number or one for each effector in [0, 1], or an effector
             cannot stick there.
         """
-        sound, sets = self._sound or self, (self._sound or self).sets
+        sound = self._sound or self
         if tuple(failed_arms):
             raise ParameterError('failed_arms: only vehicles have coaxial pairs of rotors')
-        shares = repeated('health', health, len(sets.first), 'effector')
-        if not ((shares >= 0.0) & (shares <= 1.0)).all():
-            raise ParameterError(f'health: expected numbers in [0, 1], got {shares.tolist()}')
-        shares = np.where(shares < HEALTH_MIN, 0.0, shares)
-        stuck = dict(self._stuck if stuck is None else stuck)
+        shares = shares_of(health, len(sound.sets.first))
+        stuck = self._stuck if stuck is None else stuck
         if (shares == 1.0).all() and not stuck:
             return sound
-        if isinstance(sets, Box):
-            lower, upper = sets.lower.copy(), sets.upper.copy()
-            for effector, value in stuck.items():
-                i = effector - 1
-                if not (0 <= i < len(lower) and lower[i] <= value <= upper[i]):
-                    raise ParameterError(f'stuck: {sound._cannot_stick(effector, value)}')
-                lower[i] = upper[i] = value
-            rest = (shares == 0.0) & (lower < upper)
-            lower[rest] = upper[rest] = sound.resting_thrusts[rest]
-            sets = Box(lower, upper)
-        elif stuck:
-            raise ParameterError(
-                'stuck: effectors that are vectors in sets cannot stick; give the matrix and the '
-                'sets that are left'
-            )
+        sets = sets_after(sound.sets, shares, stuck, sound.resting_thrusts, sound.effector_names)
         made = sound._copy()
         made._fill(sound.gamma * shares[sets.owners], sets, sound.reference)
-        made._sound, made._stuck, made.health = sound, stuck, constant(shares)
+        made._sound, made._stuck, made.health = sound, dict(stuck), constant(shares)
         return made
-
-    def _cannot_stick(self, effector: int, value: float) -> str:
-        """Return why an effector, from 1 on, cannot stick at a value."""
-        if not 1 <= effector <= self.n:
-            return f'no effector {effector}; there are {self.n}'
-        low, high = (f'{end[effector - 1]:.4g}' for end in (self.lower, self.upper))
-        name = self.effector_names[effector - 1]
-        return f'{name} at {value!r}: expected a value within its bounds, {low} to {high}'
 
     def dropping(self: Part) -> Part:
         """Return the problem so that no allocator refuses it: itself, unless it has a vehicle."""

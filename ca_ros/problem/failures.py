@@ -1,0 +1,58 @@
+"""Failures of effectors: what health and what sticks leave of their sets."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ca_ros.arrays import Array
+from ca_ros.settings import ParameterError
+from ca_ros.solver.convex_sets import Box, ConvexSets
+from ca_ros.vehicle.motors import HEALTH_MIN
+from ca_ros.vehicle.validation import repeated
+
+
+def shares_of(health: ArrayLike, count: int) -> Array:
+    """Return the share (count,) of its effect that each effector still has, 0 if it is lost.
+
+    Raises a ParameterError if there is not one number, or one for each, in [0, 1].
+    """
+    shares = repeated('health', health, count, 'effector')
+    if not ((shares >= 0.0) & (shares <= 1.0)).all():
+        raise ParameterError(f'health: expected numbers in [0, 1], got {shares.tolist()}')
+    return np.where(shares < HEALTH_MIN, 0.0, shares)
+
+
+def sets_after(
+    sets: Box | ConvexSets, shares: Array, stuck: Mapping[int, float], resting: Array,
+    names: Sequence[str],
+) -> Box | ConvexSets:
+    """Return the sets of effectors after failures: those without effect rest, and some stick.
+
+    - `shares`: see `shares_of`
+    - `stuck`: by effector, from 1, the value at which it stays
+    - `resting` (n,): the value of each effector at rest
+
+    Raises a ParameterError if an effector cannot stick there.
+    """
+    if not isinstance(sets, Box):
+        if stuck:
+            raise ParameterError(
+                'stuck: effectors that are vectors in sets cannot stick; give the matrix and the '
+                'sets that are left'
+            )
+        return sets
+    lower, upper = sets.lower.copy(), sets.upper.copy()
+    for effector, value in stuck.items():
+        i, n = effector - 1, len(lower)
+        if not 0 <= i < n:
+            raise ParameterError(f'stuck: no effector {effector}; there are {n}')
+        if not lower[i] <= value <= upper[i]:
+            raise ParameterError(
+                f'stuck: {names[i]} at {value!r}: expected a value within its bounds, '
+                f'{lower[i]:.4g} to {upper[i]:.4g}'
+            )
+        lower[i] = upper[i] = value
+    rest = (shares == 0.0) & (lower < upper)
+    lower[rest] = upper[rest] = resting[rest]
+    return Box(lower, upper)
