@@ -605,6 +605,16 @@ static void place_first(const ca_problem *p, const real *goals, const real *begi
     }
 }
 
+/* The weights with which the axes of a group lag behind their goals together. */
+static void weigh_lags(int count, const real *distances, real *weights)
+{
+    real longest = LAG;
+    for (int k = 0; k < count; k++)
+        longest = real_max(longest, distances[k]);
+    for (int k = 0; k < count; k++)
+        weights[k] = real_max(real_max(distances[k], LAG) / longest, LAG_RATIO);
+}
+
 /* Serve the groups after the first one after the other, and set the scaled wrench `axes`. If
  * `senses`, the axes stay on the side of the reference on which their demand is. */
 static void serve_later(const ca_problem *p, const real *goals, const real *reference, int senses,
@@ -629,15 +639,13 @@ static void serve_later(const ca_problem *p, const real *goals, const real *refe
     for (int i = first; i < m;) {
         const int count = group_size(p, i);
         if (count > 1) {
-            real ends[CA_M], weights[CA_M], longest = LAG;
+            real ends[CA_M], distances[CA_M], weights[CA_M];
             for (int k = 0; k < count; k++) {
                 const int axis = p->order[i + k];
                 ends[k] = goals[axis];
-                weights[k] = real_abs(goals[axis] - reference[axis]);
-                longest = real_max(longest, weights[k]);
+                distances[k] = real_abs(goals[axis] - reference[axis]);
             }
-            for (int k = 0; k < count; k++)
-                weights[k] = real_max(real_max(weights[k], LAG) / longest, LAG_RATIO);
+            weigh_lags(count, distances, weights);
             push(s, add_lag(s, count, p->order + i, ends, weights), 0);
         }
         for (int k = 0; k < count; k++) {
@@ -815,23 +823,47 @@ static int choose(const ca_problem *p, const simplex *s, ca_real *thrusts)
 }
 
 #if !WIDE
-/* Within one plane mostly the last axis alone gives way, and keeps its sense. Returns whether it
- * does. */
+/* Within one plane mostly the last group alone gives way, and its axes keep their senses. Returns
+ * whether it does. */
 static int give_way(const ca_problem *p, const ca_real *u, const ca_plane *plane, ca_real *wrench)
 {
-    const int m = CA_AXES(p), last = p->order[m - 1];
-    ca_real gap = -plane->height, greatest = 0;
+    const int m = CA_AXES(p);
+    int start = m - 1;
+    real distances[CA_M] = {0}, shares[CA_M] = {1};
+    ca_real gap = -plane->height, greatest = 0, reach = 0;
+    while (start > 0 && p->group[start - 1] == p->group[m - 1])
+        start--;
     for (int k = 0; k < m; k++) {
         gap += plane->normal[k] * (u[k] - p->center[k]);
         greatest = ca_max(greatest, ca_abs(plane->normal[k]) * p->extent[k]);
     }
-    if (m == 1 || p->group[m - 1] == p->group[m - 2] || !(gap > 0) ||
-        ca_clarity(ca_abs(plane->normal[last]) * p->extent[last], greatest) <= 0)
+    if (start == 0 || !(gap > 0))
         return 0;
-    const ca_real part = gap / plane->normal[last], way = u[last] - p->reference[last];
+    const int *axes = p->order + start, count = m - start;
+    for (int i = 0; count > 1 && i < count; i++)
+        distances[i] = real_abs(u[axes[i]] - p->reference[axes[i]]) / p->extent[axes[i]];
+    if (count > 1)
+        weigh_lags(count, distances, shares);
+    for (int i = 0; i < count; i++) {
+        const ca_real rate = ca_abs(plane->normal[axes[i]]), extent = p->extent[axes[i]];
+        const int clear = ca_clarity(rate * extent, greatest);
+        if (!clear)
+            return 0;
+        shares[i] = clear < 0 ? 0 : count > 1 ? shares[i] * extent : 1;
+        reach += rate * shares[i];
+    }
+    if (!(reach > 0))
+        return 0;
     ca_copy(m, u, wrench);
-    wrench[last] -= part;
-    return !p->keep_sense[last] || (part > 0 ? way >= part : way <= part);
+    for (int i = 0; i < count; i++) {
+        const int k = axes[i];
+        const ca_real part = (plane->normal[k] < 0 ? -gap : gap) / reach * shares[i];
+        const ca_real way = u[k] - p->reference[k];
+        wrench[k] -= part;
+        if (p->keep_sense[k] && !(part > 0 ? way >= part : way <= part))
+            return 0;
+    }
+    return 1;
 }
 
 /* Add the distance from a plane as a basic variable. Columns are those of `begin_within`, `at`
