@@ -1,5 +1,8 @@
 """The array types of the package's signatures, and read-only arrays."""
 
+from dataclasses import fields, is_dataclass
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -35,3 +38,17 @@ def constant(values: ArrayLike) -> Array:
 def is_constant(array: Array) -> bool:
     """Return whether an array has data of its own that cannot be written to."""
     return array.base is None and not array.flags.writeable
+
+
+def same(one: Any, other: Any) -> bool:
+    """Return whether values are equal: dataclasses field by field, arrays number by number."""
+    if one is other:
+        return True
+    if is_dataclass(one):
+        return type(one) is type(other) and all(
+            same(getattr(one, each.name), getattr(other, each.name)) for each in fields(one))
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return np.array_equal(one, other)
+    return bool(one == other)

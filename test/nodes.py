@@ -308,7 +308,7 @@ class AllocatorClient:
 
 def twin(method='exact', health=1.0):
     """Return the allocator that the node should be the equal of."""
-    report = audit(VEHICLE.with_health(health))
+    report = audit(VEHICLE.with_health(np.broadcast_to(health, (VEHICLE.n,))))
     return allocator_of(settings_of({'allocation.method': method}).allocation, report)
 
 

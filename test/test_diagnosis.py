@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ca_ros import Vehicle, control_allocation_matrix
+from ca_ros import Exact, ParameterError, Vehicle, audit, control_allocation_matrix
 from ca_ros.__main__ import main
 from ca_ros.problem.diagnosis import diagnose
 from ca_ros.px4 import parameters
@@ -75,6 +75,35 @@ def test_each_slip_is_named_with_its_rotor(name):
         if kind == 'spin' and alone:
             beside = np.linalg.norm((vehicle.arms - vehicle.arms[rotor - 1])[:, :2], axis=1) < 0.01
             assert named[0].rotors == tuple(np.flatnonzero(beside) + 1)
+
+
+@pytest.mark.parametrize('name', SOUND)
+def test_speeds_in_revolutions_per_minute_are_named(name):
+    vehicle = Vehicle.load(name)
+    if vehicle.n < 4 or len(vehicle.servos):
+        return
+    rpm = 60.0 / (2.0 * np.pi)
+    fast = replace(vehicle, speed_max=9000.0 * np.ones(vehicle.n))
+    [cause] = diagnose(fast)
+    assert cause.kind == 'speeds'
+    assert '9000 rpm are 942.5 rad/s' in cause.text
+    # With a thrust_coefficient that suits them, 12 times as fast as usual.
+    turned = replace(vehicle, speed_max=rpm * vehicle.speed_max * 3.0)
+    assert [each.kind for each in diagnose(turned)] == ['speeds']
+
+
+def test_the_audit_in_python_has_what_the_command_prints():
+    wrong = changed(Vehicle.load('hexarotor'), 'spins', 2, -1.0)
+    assert wrong != Vehicle.load('hexarotor')
+    report = audit(wrong)
+    assert report.causes == diagnose(wrong)
+    assert report.causes
+    for text in (str(report), repr(report)):
+        assert text.endswith('; probably wrong: rotor 3 turns the wrong way: flip its spin')
+    assert report.causes[0].text in report.warnings
+    assert 'probably' not in report.summary
+    with pytest.raises(ParameterError, match=r'refused: .*probably wrong: all rotors turn'):
+        Exact(replace(wrong, spins=np.ones(6)))
 
 
 def sound(rng):

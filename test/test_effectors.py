@@ -86,7 +86,7 @@ def test_failures_by_the_laws_of_a_problem_of_what_is_left(policy):
                 np.testing.assert_allclose(answer.thrusts, other.thrusts, atol=1e-9)
         # Health is absolute.
         np.testing.assert_array_equal(
-            failed.with_health(1.0, stuck={}).allocate_batch(demands).thrusts,
+            failed.with_health(np.ones_like(health), stuck={}).allocate_batch(demands).thrusts,
             sound.allocate_batch(demands).thrusts)
         np.testing.assert_array_equal(
             failed.with_matrix(problem.gamma).allocate_batch(demands).thrusts,
@@ -96,7 +96,7 @@ def test_failures_by_the_laws_of_a_problem_of_what_is_left(policy):
 @pytest.mark.parametrize('policy', POLICIES)
 def test_a_jammed_rudder_by_hand(policy):
     sound = Exact(PLANE, policy=policy)
-    jammed = sound.with_health(1.0, stuck={4: 0.1})
+    jammed = sound.with_health(np.ones(4), stuck={4: 0.1})
     answer = jammed.allocate([0.5, 0.5, 0.2])
     # The rudder yaws by -0.09, and the elevons have no yaw.
     np.testing.assert_allclose(answer.wrench, [0.5, 0.5, -0.09], atol=1e-12)
@@ -121,7 +121,7 @@ def test_the_audit_of_a_problem():
     assert (report.lost, report.rank, report.sound) == ((), 3, True)
     assert report.independence['yaw'] == pytest.approx(1.0)
     assert report.authority['yaw'] == pytest.approx((-0.45, 0.45))
-    report = audit(PLANE.with_health(1.0, stuck={4: 0.1}))
+    report = audit(PLANE.with_health(np.ones(4), stuck={4: 0.1}))
     assert (report.lost, report.sound) == (('yaw',), False)
     # Axes with names of their own are given up from the last one on.
     flat = AllocationProblem([[1.0, 1.0], [0.5, 0.5], [1.0, -1.0]], -1.0, 1.0)
@@ -136,7 +136,7 @@ def test_the_audit_of_a_problem():
 
 
 def test_all_effectors_lost():
-    answer = Exact(PLANE).with_health(0.0).allocate([0.1, 0.0, 0.0])
+    answer = Exact(PLANE).with_health(np.zeros(4)).allocate([0.1, 0.0, 0.0])
     assert (answer.status, np.abs(answer.thrusts).max()) == (Status.INEXACT, 0.0)
 
 
@@ -153,7 +153,7 @@ def test_vectors_in_sets_are_lost_and_weak():
     assert lost.lost_axes == ('sway',)
     np.testing.assert_allclose(lost.allocate([0.4, 0.3]).thrusts, [0.0, 0.0, 0.8], atol=1e-12)
     with pytest.raises(ParameterError, match='vectors in sets cannot stick'):
-        sound.with_health(1.0, stuck={1: 0.3})
+        sound.with_health([1, 1], stuck={1: 0.3})
 
 
 def test_rates_keep_another_matrix_and_failures():
@@ -168,11 +168,11 @@ def test_rates_keep_another_matrix_and_failures():
     (lambda a: a.with_matrix(np.full((3, 4), np.nan)), 'matrix: expected finite numbers'),
     (lambda a: a.with_matrix(np.ones((3, 4))), 'has no volume: the effectors cannot control'),
     (lambda a: a.with_matrix(1e-9 * np.ones((3, 4))), 'choose units'),
-    (lambda a: a.with_health([1.0, 1.0]), 'health: expected 1 or 4 numbers, one per effector'),
-    (lambda a: a.with_health(1.5), r'health: expected numbers in \[0, 1\]'),
-    (lambda a: a.with_health([1, 1, np.nan, 1]), r'health: expected numbers in \[0, 1\]'),
-    (lambda a: a.with_health(1.0, stuck={5: 0.0}), 'no effector 5; there are 4'),
-    (lambda a: a.with_health(1.0, stuck={4: 0.7}), 'rudder at 0.7: .* its bounds, -0.5 to 0.5'),
+    (lambda a: a.with_health([1.0, 1.0]), 'health: expected 4 numbers .* one for each effector'),
+    (lambda a: a.with_health(1), r'health: expected 4 numbers in \[0, 1\], .* got 1'),
+    (lambda a: a.with_health([1, 1, 1.5, 1]), r'health: expected 4 numbers in \[0, 1\]'),
+    (lambda a: a.with_health(np.ones(4), stuck={5: 0.0}), 'no effector 5; there are 4'),
+    (lambda a: a.with_health(np.ones(4), stuck={4: 0.7}), 'rudder at 0.7: .* bounds, -0.5 to 0.5'),
 ])
 def test_misuse_is_refused(change, words):
     with pytest.raises(ValueError, match=words):

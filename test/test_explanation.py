@@ -168,7 +168,7 @@ def check_statements(case, answer):
         assert not together or not any(stated[each] for each in named)
         if not named:
             everything = [(i, side) for i in range(problem.n) for side in (-1, 1)]
-            assert why.limits[problem.axes[k]] == 'the priorities'
+            assert why.limits[problem.axes[k]] == 'axes that come first'
             # Within the distance another rotor may reach its bound, and something be gained.
             assert gains(everything)[k] < least or gains(everything, 0.1)[k] < least
             checked += 1

@@ -1,7 +1,9 @@
 """The interface as a newcomer types it: vehicles in code, and what objects say of themselves."""
 
 import doctest
+import pickle
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -72,7 +74,10 @@ def test_a_ring_is_that_of_the_shipped_hexarotor():
     ({'positions': np.zeros((7, 2))}, r'positions: expected shape \(n, 3\).*got \(7, 2\)'),
     ({'positions': np.ravel(SQUARE)}, r'positions: expected shape \(n, 3\)'),
     ({'spins': SPINS[:3]}, 'expected 4 words, one per rotor'),
-    ({'spinz': 3}, r'rotors\.spinz: no such parameter \(did you mean rotors\.spins\?\)'),
+    ({'spinz': 3}, r'spinz: no such keyword \(did you mean spins\?\)'),
+    ({'max_thrust': 5.0}, r'max_thrust: no such keyword; .* speed_max=sqrt\(max_thrust / thr'),
+    ({'speed_limits': (40, 400)}, 'speed_limits: no such keyword; give speed_min and speed_max'),
+    ({'rotors': [1, 2]}, r'rotors: no such keyword; give positions=.* or Vehicle\.ring\('),
     ({'yaw_torque_signs': [1, -1, 1, -1]}, 'yaw_torque_signs: given beside spins'),
     ({'spins': None, 'yaw_torque_signs': [1, 2, 3, 4]}, 'expected 1 or -1 for each rotor'),
     ({'mass': None}, r'vehicle\.mass: missing')])
@@ -161,9 +166,50 @@ def test_batches_have_slices_and_frames():
     np.testing.assert_array_equal(frame['rotor_3'], batch.thrusts[:, 2])
     np.testing.assert_array_equal(frame['roll'], batch.wrench[:, 1])
     # 1e-9 of half of each range is far above rounding, and below what is missed.
-    np.testing.assert_array_equal(batch.is_exact(1e-9), batch.status == 0)
-    assert [answer.is_exact(1e-9) for answer in batch] == (batch.status == 0).tolist()
-    assert batch[39].is_exact(1.0)
+    np.testing.assert_array_equal(batch.is_close(1e-9), batch.status == 0)
+    assert [answer.is_close(1e-9) for answer in batch] == (batch.status == 0).tolist()
+    assert batch[39].is_close(1.0)
+    assert batch.is_exact.tolist() == [answer.is_exact for answer in batch]
+    assert 0 < batch.is_exact.sum() < 40
+    with pytest.raises(ValueError, match=r'got \(40, 4\); allocate_batch takes many'):
+        allocator.allocate(wrenches)
+    with pytest.raises(ValueError, match=r'got \(4,\); allocate takes one'):
+        allocator.allocate_batch(wrenches[0])
+
+
+def test_a_status_equals_its_name_and_its_number():
+    allocator = Exact(Vehicle.load('hexarotor'))
+    status = allocator.allocate([9.81, 3.0, 0.0, 0.0]).status
+    assert status == 'PRIORITIZED'
+    assert status != 'EXACT'
+    assert status == 1 == np.int8(status)
+    assert {status: 5}[1] == 5
+    assert (np.array([0, 1], np.int8) == status).tolist() == [False, True]
+    for wrong in ('prioritized', ''):
+        with pytest.raises(ValueError, match='expected one of EXACT, PRIORITIZED'):
+            assert status == wrong
+        with pytest.raises(ValueError, match='expected one of EXACT, PRIORITIZED'):
+            assert status != wrong
+
+
+@pytest.mark.parametrize('name', ['hexarotor', 'hexarotor_realistic', 'tricopter'])
+def test_vehicles_with_the_same_numbers_are_equal(name):
+    one, other = Vehicle.load(name), Vehicle.load(name)
+    assert one == other
+    assert hash(one) == hash(other)
+    assert pickle.loads(pickle.dumps(one)) == one
+    assert one.fail(1).intact == one != one.fail(1)
+    arms = np.nextafter(one.arms, 9.0)
+    assert one != replace(one, arms=arms)
+    assert one != name
+    assert len({one, other, one.fail(1)}) == 2
+
+
+def test_reasons_and_certificates_are_shown_in_words():
+    batch = Exact(Vehicle.load('hexarotor')).allocate_batch([[9.81, 0, 0, 0], [9.81, 3, 0, 0]])
+    assert repr(batch.explanation[1]).startswith('Explanation: roll 91 % served, limited by rot')
+    assert repr(batch[0].certificate).startswith('Certificate: residual below 1e-12')
+    assert 'array' not in repr(batch.explanation)
 
 
 def test_rates_by_a_method_of_the_allocator():
@@ -273,8 +319,8 @@ STATE = [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
     (lambda d: d.observe(0, *STATE[:2], [0.0]), 'angular velocity [0.0]: expected 3 numbers'),
     (lambda d: d.observe(0, *STATE, [0.0]), 'specific force [0.0]: expected 3 numbers'),
     (lambda d: d.observe(0, [0.0] * 4, *STATE[1:]), 'expected a quaternion that is not zero'),
-    (lambda d: d.announce([1.0]), 'expected 1 or 6 numbers in [0, 1]'),
-    (lambda d: d.announce([2.0] * 6), 'expected 1 or 6 numbers in [0, 1]'),
+    (lambda d: d.announce([1.0]), 'expected 6 numbers in [0, 1]'),
+    (lambda d: d.announce([2.0] * 6), 'expected 6 numbers in [0, 1]'),
 ])
 @pytest.mark.parametrize('make', [FailureDetector, make_detector])
 def test_both_detectors_refuse_the_same(make, wrong, words):

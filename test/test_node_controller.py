@@ -143,7 +143,7 @@ def test_what_it_cuts_off_the_demand_is_published_and_warned_of(client):
     assert float(values['least yaw served [%]']) < 100.0
     # The least since the node began may be that of another test, cut by the priorities.
     reason = values['least yaw served limited by']
-    assert 'rotor' in reason or reason == 'the priorities'
+    assert 'rotor' in reason or reason == 'axes that come first'
     client.graph.spin_until(
         lambda: any('unallocated: ' in entry.msg for entry in client.log), 'a line in the log')
 

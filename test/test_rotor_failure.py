@@ -127,7 +127,7 @@ def test_the_other_methods_fly_on_too(method):
 
 # No rotor is left
 
-@pytest.mark.parametrize('health', [0.0, [0.0, 1e-300, 5e-324, 1e-10, 0.0, 1e-12]])
+@pytest.mark.parametrize('health', [[0.0] * 6, [0.0, 1e-300, 5e-324, 1e-10, 0.0, 1e-12]])
 @pytest.mark.parametrize('method', ALLOCATORS)
 def test_without_any_rotor_every_method_leaves_them_at_rest(method, health):
     vehicle = audit(Vehicle.load('hexarotor').with_health(health)).vehicle

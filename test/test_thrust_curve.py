@@ -106,7 +106,7 @@ def test_everything_that_makes_speeds_uses_the_curve(curve):
     thrust = np.array(np.polyval(curve[CURVE + 'polynomial'], 300.0) if curve is POLYNOMIAL
                       else 1.2 + (3.9 - 1.2) * (300.0**2 - 200.0**2) / (400.0**2 - 200.0**2))
     assert_allclose(some.thrusts([300.0] * 6), thrust)
-    assert_allclose(some.with_health(0.5).thrusts([300.0] * 6), thrust / 2.0)
+    assert_allclose(some.with_health(np.full(6, 0.5)).thrusts([300.0] * 6), thrust / 2.0)
     answer = Exact(some).allocate([6.0 * thrust, 0.0, 0.0, 0.0])
     assert answer.status.name == 'EXACT'
     assert_allclose(answer.speeds, 300.0)

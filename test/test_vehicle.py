@@ -124,7 +124,8 @@ def test_health_is_the_share_of_thrust_that_is_left():
 
 
 @pytest.mark.parametrize('health', [
-    1.1, -0.1, np.nan, [1.0] * 5, [[1.0] * 6], [1.0] * 5 + [np.inf], 'x', ['1'] * 6, True, None])
+    1, 0.5, np.nan, [1.1] * 6, [-0.1] * 6, [1.0] * 5, [[1.0] * 6], [1.0] * 5 + [np.inf], 'x',
+    ['1'] * 6, True, None])
 def test_health_is_a_share_per_rotor(health):
     with pytest.raises(ParameterError, match=r'rotors\.health'):
         HEXAROTOR.with_health(health)

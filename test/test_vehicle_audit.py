@@ -258,7 +258,7 @@ def test_the_command_audits_a_vehicle_and_the_loss_of_each_rotor(capsys):
 def test_the_command_says_what_the_nodes_would(pnpnpn, capsys):
     for options, health in (
             (['--fail', '3'], [1, 1, 0, 1, 1, 1]), (['--fail', '1,4'], [0, 1, 1, 0, 1, 1]),
-            (['--fail', 'all=0.2'], 0.2),
+            (['--fail', 'all=0.2'], [0.2] * 6),
             (['--fail', '1=0,all=0.9'], [0, 0.9, 0.9, 0.9, 0.9, 0.9])):
         assert main(['audit', 'hexarotor', *options]) == 1
         out, err = capsys.readouterr()

@@ -86,7 +86,7 @@ def test_health_is_absolute_and_all_ones_give_the_same_bits_again(method):
     np.testing.assert_array_equal(
         first.allocate(u).thrusts,
         sound.with_health(health_without(6, 2)).allocate(u).thrusts)
-    for again in (first.with_health(np.ones(6)), sound.with_health(1.0)):
+    for again in (first.with_health(np.ones(6)), sound.with_health([1] * 6)):
         assert type(again) is type(sound)
         np.testing.assert_array_equal(again.allocate(u).thrusts, sound.allocate(u).thrusts)
     # The one that is asked stays as it is.
@@ -111,7 +111,7 @@ def test_batches_copies_and_rates_have_all_axes(tmp_path):
 
 
 def test_without_any_rotor_all_answers_are_at_rest():
-    allocator = Exact(Vehicle.load('x8')).with_health(0.0)
+    allocator = Exact(Vehicle.load('x8')).with_health(np.zeros(8))
     answer = allocator.allocate([20.0, 0.0, 0.0, 0.0])
     assert (answer.status, np.abs(answer.thrusts).max()) == (Status.INEXACT, 0.0)
     assert allocator.problem.axes == ('thrust', 'roll', 'pitch', 'yaw')
@@ -145,15 +145,18 @@ def test_an_arm_of_which_one_rotor_has_failed_is_one_effector(name, arm, method)
             assert abs(error[3]) <= bound * 2.0 * answer.thrusts[lost] + 1e-9
     # The health alone says that both work, at half of their thrust.
     assert sound.with_health(half).problem.gamma[3, pair].all()
-    again = allocator.with_health(1.0)
+    again = allocator.with_health(np.ones(vehicle.n))
     np.testing.assert_array_equal(again.problem.gamma, sound.problem.gamma)
 
 
 def test_misuse_is_refused():
     allocator = Exact(Vehicle.load('hexarotor'))
-    with pytest.raises(ParameterError, match=r'expected 1 or 6 numbers in \[0, 1\]'):
+    with pytest.raises(ParameterError, match=r'expected 6 numbers in \[0, 1\], .* got 1$'):
+        allocator.with_health(1)
+    with pytest.raises(ParameterError, match=r'expected 6 numbers in \[0, 1\]'):
         allocator.with_health([1.0, 0.0])
-    for arm, health in (((1, 7), 0.5), ((2, 2), 0.5), ((1, 2), [0.5, 0.4, 1.0, 1.0, 1.0, 1.0])):
+    half = [0.5] * 6
+    for arm, health in (((1, 7), half), ((2, 2), half), ((1, 2), [0.5, 0.4, 1, 1, 1, 1])):
         with pytest.raises(ParameterError, match='expected two rotors with the same'):
             allocator.with_health(health, [arm])
     with pytest.raises(TypeError, match=r"by keyword \(order, .* got 'scale'"):
@@ -167,10 +170,10 @@ def test_a_vehicle_that_recovers_flies_as_before(name, policy):
     sound = Exact(vehicle, policy=policy)
     u = sound.problem.hover
     for share in (0.0, 0.4, 0.6):
-        weak = sound.with_health(share)
+        weak = sound.with_health([share] * vehicle.n)
         assert weak.problem.axes == vehicle.axes
         np.testing.assert_array_equal(
-            weak.with_health(1.0).allocate(u).thrusts, sound.allocate(u).thrusts)
+            weak.with_health(np.ones(vehicle.n)).allocate(u).thrusts, sound.allocate(u).thrusts)
 
 
 def test_answers_after_failures_are_copied_certified_and_explained_as_single_ones():
@@ -182,6 +185,11 @@ def test_answers_after_failures_are_copied_certified_and_explained_as_single_one
         answer = allocator.allocate(u)
         assert answer.certificate.kkt_residual < 1e-4
         assert 'residual' in str(answer.certificate)
+        # The residual is that of all axes, also of those that the method does not have.
+        missed = np.linalg.norm(answer.residual)
+        assert answer.certificate.primal_residual == pytest.approx(missed, rel=1e-12)
+        both = allocator.allocate_batch([u, u + 0.1]).certificate
+        np.testing.assert_allclose(both.primal_residual[0], missed, rtol=1e-9)
         copied = pickle.loads(pickle.dumps(answer))
         [one] = allocator.allocate_batch(u[None])
         [part] = allocator.allocate_batch(u[None])[0:1]
@@ -193,7 +201,7 @@ def test_answers_after_failures_are_copied_certified_and_explained_as_single_one
 
 def test_a_reference_of_scale_that_is_out_of_reach_gives_way_to_hover():
     sound = Exact(Vehicle.load('hexarotor'), policy='scale', scale_reference=[9.81, 0, 0, 0])
-    for health in (0.0, 0.4, health_without(6, 1)):
+    for health in ([0.0] * 6, [0.4] * 6, health_without(6, 1)):
         sound.with_health(health).allocate([9.81, 0.5, 0.0, 0.0])
 
 

@@ -22,7 +22,7 @@ def main() -> None:
     residual: float = answer.certificate.kkt_residual
     margin: float = answer.certificate.margin
     status: Status = answer.status
-    exact: bool = answer.is_exact(1e-9)
+    exact: bool = answer.is_exact and answer.is_close(1e-9)
     assert residual < 1e-12 < margin
     assert exact == (status is Status.EXACT)
 

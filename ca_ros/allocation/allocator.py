@@ -122,7 +122,7 @@ class Allocator(ABC):
 
         Parameters
         ----------
-        health : float or array
+        health : array
             Share of its thrust that each rotor still gives, or of its effect that each effector of
             a problem still has, in [0, 1]; see `AllocationProblem.with_health`.  It replaces the
             health before: all ones give the allocator without failures again.
@@ -140,8 +140,8 @@ class Allocator(ABC):
         Raises
         ------
         ParameterError
-            If the health is not one number or one for each effector in [0, 1], an arm is wrong,
-            or an effector cannot stick there.
+            If the health is not one number for each effector in [0, 1], an arm is wrong, or an
+            effector cannot stick there.
 
         Examples
         --------
@@ -272,7 +272,8 @@ class Allocator(ABC):
         demands = self.problem.check(wrenches, batch=True)
         if demands.ndim != 2:
             m = len(self.problem.axes)
-            raise ValueError(f'wrenches: expected shape (N, {m}), got {demands.shape}')
+            one = '; allocate takes one' if demands.ndim == 1 else ''
+            raise ValueError(f'wrenches: expected shape (N, {m}), got {demands.shape}{one}')
         return self._allocate_batch(demands)
 
     @abstractmethod

@@ -12,14 +12,16 @@ from ca_ros.problem.problem import AllocationProblem
 Number = TypeVar('Number', float, Array)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Certificate(Generic[Number]):
     """What proves an answer; for a batch of N, each field has a leading N.
 
     A `Number` is a float, for a batch an array (N,).
 
+    After failures, `problem`, `demand` and `multipliers` have the axes that the method serves.
+
     - `demand` (m,)
-    - `primal_residual`: |u - Gamma f| [N, N m]
+    - `primal_residual`: |u - Gamma f| of all axes, also of lost ones [N, N m]
     - `bound_violation`: greatest violation of a bound by the thrusts [N], which is zero; of
       vectors in sets, greatest distance of a component from the projection on the sets: rounding
     - `multipliers` (m,): multipliers y of Gamma f = u in the quadratic program of Eqs. (20)-(22),
@@ -99,6 +101,10 @@ class Certificate(Generic[Number]):
             f'KKT residual {_size(self.kkt_residual)}{unit}; '
             f'margin {self.margin:.3g} to the facet with {self.problem.effector_kind} {ends}'
         )
+
+    def __repr__(self) -> str:
+        """Return the same, with the class."""
+        return f'{type(self).__name__}: {self}'
 
 
 def _size(number: Any) -> str:

@@ -19,7 +19,7 @@ from ca_ros.problem.limits import (
 from ca_ros.problem.problem import AllocationProblem
 
 SHARE_ROUNDING = 1e-9  # of a miss, as a share of the way, beyond which it is more than the way
-BY_ORDER = 'the priorities'
+BY_ORDER = 'axes that come first'
 """What limits an axis that no bound limits: other axes take what the bounds would give."""
 BY_METHOD = 'the method'
 """What limits an axis that the priorities would serve in full."""
@@ -30,7 +30,7 @@ HOW = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Explanation(Limits):
     """Why thrusts produce another wrench than the demand: its `Limits`, and more.
 
@@ -81,10 +81,10 @@ class Explanation(Limits):
         An axis between the reference and its demand is served by a share; of others the error is
         said.
         """
-        lost = [axis for axis, share in zip(self.problem.axes, self.served, strict=True)
-                if share != share]
+        axes = self.problem.axes
+        lost = [axis for axis, share in zip(axes, self.served, strict=True) if share != share]
         parts = [
-            f'{axis} {self._share(self.problem.axes.index(axis))}, limited by {words}'
+            f'{axis} {self._share(axes.index(axis))} {words}'
             for axis, words in self.limits.items()
         ]
         rest = 'all other axes are served' if lost else 'all axes are served'
@@ -95,8 +95,15 @@ class Explanation(Limits):
     def _share(self, axis: int) -> str:
         missed, way = float(self.missed[axis]), (self.demand - self.problem.reference)[axis]
         if missed * way > 0.0 and abs(missed) <= (1.0 + SHARE_ROUNDING) * abs(way):
-            return f'{100.0 * self.served[axis]:.0f} % served'
-        return f'{abs(missed):.3g} {"above" if missed < 0.0 else "below"} its demand'
+            return f'{100.0 * self.served[axis]:.0f} % served, limited by'
+        size = f'{abs(missed):.3g} {self.problem.axis_units[axis]}'.rstrip()
+        above = missed < 0.0
+        return f'{size} {"above" if above else "below"} its demand, ' + (
+            'forced by' if above else 'limited by')
+
+    def __repr__(self) -> str:
+        """Return the same sentences, with the class."""
+        return f'{type(self).__name__}: {self}'
 
 
 def explain(

@@ -155,7 +155,7 @@ class Reconfiguration(Generic[Made]):
         if shares.shape != shape or not ((shares >= 0.0) & (shares <= 1.0)).all():
             what = f'expected {shape[0]} numbers in [0, 1]'
             raise ParameterError(f'{self.effector} health {shares}: {what}')
-        self._declared.with_health(1.0, arms, stuck or {})
+        self._declared.with_health(np.ones(shape), arms, stuck or {})
         return shares
 
     def measure(self, voltage: float) -> bool:

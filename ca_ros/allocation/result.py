@@ -14,11 +14,15 @@ from ca_ros.allocation.certificate import Certificate, Number, certify
 from ca_ros.allocation.explanation import Explanation, explain
 from ca_ros.arrays import Array, BoolArray, IntArray
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.programs import lengths
 from ca_ros.problem.vehicle_problem import vehicle_problem
 
 
 class Status(IntEnum):
-    """How the thrusts relate to the demanded wrench."""
+    """How the thrusts relate to the demanded wrench.
+
+    A status equals its name, too: ``answer.status == 'EXACT'``.  Other text is a ValueError.
+    """
 
     EXACT = 0
     """The thrusts produce the wrench, to rounding."""
@@ -39,6 +43,25 @@ class Status(IntEnum):
 
     __format__ = Enum.__format__
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether the other is the status, its number or its name."""
+        if self is other:
+            return True
+        if not isinstance(other, str):
+            return int.__eq__(self, other)  # type: ignore[arg-type]
+        if other not in Status.__members__:
+            names = ', '.join(Status.__members__)
+            raise ValueError(f'status: expected one of {names}, got {other!r}')
+        return self.name == other
+
+    def __ne__(self, other: object) -> bool:
+        """Return the opposite of equality."""
+        if not isinstance(other, str):
+            return int.__ne__(self, other)  # type: ignore[arg-type]
+        return not self == other
+
+    __hash__ = int.__hash__
+
 
 class Answer(Generic[Number]):
     """What `Allocation` and `AllocationBatch` have in common; see there."""
@@ -49,7 +72,8 @@ class Answer(Generic[Number]):
     preference: tuple[Array, Array] | None
     bounds: tuple[Array, Array] | None = None
     part: Any = None
-    """The answer of the method, if that has only some of the axes: its certificate counts."""
+    """The answer of the method, if that has only some of the axes: its certificate counts, with
+    the residual of all axes."""
 
     @property
     def effectors(self) -> Array:
@@ -97,7 +121,7 @@ class Answer(Generic[Number]):
     def certificate(self) -> Certificate[Number]:
         """The certificate, computed from the problem's data at the first access."""
         if self.part is not None:
-            return self.part.certificate
+            return replace(self.part.certificate, primal_residual=lengths(self.residual))
         return certify(self.problem, self.demand, self.thrusts, self.preference, self.bounds)
 
 
@@ -184,7 +208,12 @@ class Allocation(Answer[float]):
         size = np.array2string(self.thrusts, precision=4, separator=', ', max_line_width=10**6)
         return f'Allocation: {self}; {self.problem.effector_kind} at {size}{self.problem.unit}'
 
-    def is_exact(self, tolerance: float) -> bool:
+    @property
+    def is_exact(self) -> bool:
+        """Whether the status is EXACT: the thrusts produce the wrench, to rounding."""
+        return self.status is Status.EXACT
+
+    def is_close(self, tolerance: float) -> bool:
         """Tell whether each axis is met to a share of half of its range (`problem.extent`)."""
         return bool((np.abs(self.residual) <= tolerance * self.problem.extent).all())
 
@@ -210,7 +239,7 @@ class AllocationBatch(Answer[Array]):
     demand : (N, m) array
     thrusts : (N, n) array
     status : (N,) array of int8
-        The values of `Status`.
+        The values of `Status`; `to_frame` has the names.
     level, violation : (N,) arrays
 
     Examples
@@ -259,8 +288,13 @@ class AllocationBatch(Answer[Array]):
         """The explanation of each answer."""
         return [answer.explanation for answer in self]
 
-    def is_exact(self, tolerance: float) -> BoolArray:
-        """Tell (N,) whether each axis is met; see `Allocation.is_exact`."""
+    @property
+    def is_exact(self) -> BoolArray:
+        """Which answers are EXACT, (N,)."""
+        return np.asarray(self.status == Status.EXACT)
+
+    def is_close(self, tolerance: float) -> BoolArray:
+        """Tell (N,) whether each axis is met; see `Allocation.is_close`."""
         near = np.abs(self.residual) <= tolerance * self.problem.extent
         return np.asarray(near.all(axis=1))
 

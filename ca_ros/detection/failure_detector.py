@@ -211,7 +211,7 @@ class FailureDetector:
     def model(self) -> dict[str, Array]:
         """Return the numbers of ca_detector_model (ca_ros/kernel/detector.h) by name."""
         vehicle, settings, find = self.vehicle, self.settings, self._find
-        sound, curve = vehicle.with_health(1.0), vehicle.curve
+        sound, curve = vehicle.intact, vehicle.curve
         numbers = {
             'rotors': vehicle.n, 'mass': vehicle.mass, 'weight': vehicle.weight,
             'inertia': inertia_of(vehicle), 'wrenches': self._rotors.wrenches,
@@ -253,7 +253,7 @@ class FailureDetector:
 
     def _follow_servos(self) -> None:
         """Let the servos that are announced, or found, to stick do so."""
-        vehicle = self.vehicle.with_health(1.0)
+        vehicle = self.vehicle.intact
         for rotor, angle in self._angles.items():
             vehicle = vehicle.with_stuck_servo(rotor + 1, angle)
         self._rotors.vehicle = vehicle

@@ -31,7 +31,7 @@ class CommandedRotors:
         self, vehicle: Vehicle, settings: DetectorSettings, lags: Array | None = None
     ) -> None:
         s = settings
-        self.vehicle = vehicle.with_health(1.0)
+        self.vehicle = vehicle.intact
         self._lag = s.motor_time_constant if lags is None else lags
         self._servos = ServoLag(s.servo_time_constant, s.servo_rate, vehicle)
         self._delay = round(s.delay * 1e9)

@@ -49,7 +49,7 @@ def golden_flight(detector: FailureDetector, precision: str) -> list[tuple[Array
         )
     answers = KernelDetector(module, model, vehicle, detector.settings)
     rng = np.random.default_rng(0)
-    wrenches, sound = rotor_wrenches(vehicle), vehicle.with_health(1.0)
+    wrenches, sound = rotor_wrenches(vehicle), vehicle.intact
     up = max(float(wrenches[2].sum()), 1e-9)
     hover = np.clip(vehicle.weight / up, sound.thrust_min, sound.thrust_max)
     speeds = sound.speeds(hover)

@@ -120,9 +120,9 @@ class Belief:
         if self._news(report) != (before and self._news(before)):
             # rclpy allows one severity for each line of code.
             if not self._faulty:
-                self._node.get_logger().info(f'audit: {report}')
+                self._node.get_logger().info(f'audit: {report.summary}')
             else:
-                self._node.get_logger().error(f'audit: {report}')
+                self._node.get_logger().error(f'audit: {report.summary}')
         for warning in report.warnings if before is None else ():
             self._node.get_logger().warning(warning)
 
@@ -137,11 +137,11 @@ class Belief:
             found.append((WARN, f'the publisher of {topic} has ended: its last one holds'))
         if self.current.fault:
             found.append((ERROR, f'not in force: {self.current.fault}'))
-        return [*found, (ERROR, str(self.audit))] if self._faulty else found
+        return [*found, (ERROR, self.audit.summary)] if self._faulty else found
 
     def _news(self, report: Audit) -> str:
         """Return what is logged when it changes."""
-        return str(report)
+        return report.summary
 
     @property
     def _faulty(self) -> bool:

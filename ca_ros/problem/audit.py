@@ -14,6 +14,7 @@ from ca_ros.problem.controllability import (
     lift,
     unit_rows,
 )
+from ca_ros.problem.diagnosis import Cause, diagnose
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem, problem_of, vehicle_of
 from ca_ros.settings import ParameterError, read
@@ -26,25 +27,6 @@ ROUNDED = 1e-8, 2e-3
 
 With more digits `residual_slack` makes up for the difference.
 """
-
-ARM = 0.3  # usual arm of a vehicle of 1 kg [m]; arms grow with the cube root of the mass
-ARM_MAX = 4.0
-"""Arm of a vehicle of 1 kg above which the lengths seem not to be in metres [m].
-
-The human-powered helicopters with four rotors, of 120 kg with their pilots, have arms of 15 m.
-"""
-UNITS = {'centimetres': 0.01, 'millimetres': 0.001}
-
-
-def likely_unit(length: float, mass: float) -> str:
-    """Return the unit in which a length of a vehicle seems to be given; empty: metres, as it is.
-
-    The length [m] is judged by the mass [kg].
-    """
-    size = max(1.0, abs(mass) ** (1.0 / 3.0))
-    if length <= ARM_MAX * size:
-        return ''
-    return min(UNITS, key=lambda unit: abs(np.log(length * UNITS[unit] / (ARM * size))))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -151,14 +133,15 @@ class Audit:
 
     def __str__(self) -> str:
         """Return the audit in one line."""
-        return self._text
+        return self.summary
 
     def __repr__(self) -> str:
         """Return the same, with the problem."""
         return f'{type(self).__name__}: {self.full.described}: {self}'
 
     @cached_property
-    def _text(self) -> str:
+    def summary(self) -> str:
+        """What the effectors can control, in one line."""
         parts = [f'{", ".join(axes)} lost ({why})' for axes, why in self._losses() if axes]
         parts += self._remains()
         if not self.keeps_hovering:
@@ -261,15 +244,19 @@ class VehicleAudit(Audit):
         return parts
 
     @cached_property
+    def causes(self) -> tuple[Cause, ...]:
+        """Slips in the vehicle's numbers that explain what is wrong; empty if none does."""
+        return diagnose(self.full.vehicle)
+
+    def __str__(self) -> str:
+        """Return the audit in one line, with the slips."""
+        causes = '; '.join(cause.text for cause in self.causes)
+        return f'{self.summary}; probably wrong: {causes}' if causes else self.summary
+
+    @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What is probably a slip in the vehicle's file; it refuses no vehicle."""
-        vehicle, found = self.full.vehicle, []
-        arm = float(np.linalg.norm(vehicle.arms, axis=1).max())
-        if unit := likely_unit(arm, vehicle.mass):
-            found.append(
-                f'an arm of {arm:.4g} m for {vehicle.mass:.4g} kg: are positions and '
-                f'center_of_mass in {unit} instead of metres?'
-            )
+        """What is probably a slip in the vehicle's file: `causes`, and more; it refuses none."""
+        found = [cause.text for cause in self.causes]
         if angle := self._angle_of_facets():
             found.append(
                 f'facets almost parallel, {angle:.1e} rad apart: near them small changes of the '
@@ -341,7 +328,8 @@ def audit(subject: Vehicle | AllocationProblem) -> Audit:
     Returns
     -------
     Audit
-        Of a vehicle with what hover leaves, too: `spin_torque`, `side_force`, `warnings`.
+        Of a vehicle with what hover leaves, too, and with what is probably wrong in its numbers:
+        `spin_torque`, `side_force`, `causes`, `warnings`.
 
     Examples
     --------

@@ -18,7 +18,8 @@ from itertools import product
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.problem.audit import audit, likely_unit
+from ca_ros.problem.controllability import holding_part, independent_part
+from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.vehicle.vehicle import Vehicle
 
 SAME_PLACE = 0.03  # distance of a rotor from the image of another, as a share of the longest arm
@@ -31,14 +32,41 @@ SHIFT_MIN = 0.1  # least shift of the centre of mass that is told, as a share of
 EXCHANGES_MAX = 8  # rotors of a vehicle up to which exchanges are tried
 UPWARDS = 0.5  # least z of the axis of a rotor that points upwards
 TURN_MIN = 0.3  # least rotation that maps a rotor to another [rad]; of a ring of 12 it is 0.52
+TIP_SPEED_MAX = 300.0
+"""Speed of the tips of the blades above which the rotor speeds seem not to be in rad/s [m/s].
+
+That of sound is 340 m/s; the fastest racing quadrotors come to about 250 m/s by `_tip_speeds`.
+"""
+THRUST_OVER_DENSITY = 0.12  # usual thrust over n^2 D^4, with n in turns per second [kg/m^3]
+RPM = 2.0 * np.pi / 60.0  # [rad/s]
 ROTORS_MIN = 4  # with fewer rotors, any two changes would explain a third
+
+ARM = 0.3  # usual arm of a vehicle of 1 kg [m]; arms grow with the cube root of the mass
+ARM_MAX = 4.0
+"""Arm of a vehicle of 1 kg above which the lengths seem not to be in metres [m].
+
+The human-powered helicopters with four rotors, of 120 kg with their pilots, have arms of 15 m.
+"""
+UNITS = {'centimetres': 0.01, 'millimetres': 0.001}
+
+
+def likely_unit(length: float, mass: float) -> str:
+    """Return the unit in which a length of a vehicle seems to be given; empty: metres, as it is.
+
+    The length [m] is judged by the mass [kg].
+    """
+    size = max(1.0, abs(mass) ** (1.0 / 3.0))
+    if length <= ARM_MAX * size:
+        return ''
+    return min(UNITS, key=lambda unit: abs(np.log(length * UNITS[unit] / (ARM * size))))
 
 
 @dataclass(frozen=True)
 class Cause:
     """A slip that explains what is wrong.
 
-    - `kind`: 'spin', 'position', 'thrust', 'centre', 'axis', 'spins', 'order' or 'units'
+    - `kind`: 'spin', 'position', 'thrust', 'centre', 'axis', 'spins', 'order', 'units' or
+      'speeds'
     - `rotors`: the rotors of which one has the slip, counted from 1; empty if it is not a rotor's
     - `text`: what is wrong and what would be right, in words
     """
@@ -73,12 +101,40 @@ def diagnose(vehicle: Vehicle) -> tuple[Cause, ...]:
 
     Rotors are taken as they would be with full health.
     """
-    vehicle = vehicle.with_health(1.0)
+    vehicle = vehicle.intact
     arm = float(np.linalg.norm(vehicle.arms, axis=1).max())
     if unit := likely_unit(arm, vehicle.mass):
         return (Cause('units', (), (
             f'an arm of {arm:.4g} m for {vehicle.mass:.4g} kg: positions look like '
             f'{unit} instead of metres')),)
+    return _speeds(vehicle) or _geometry(vehicle)
+
+
+def _tip_speeds(vehicle: Vehicle) -> Array:
+    """Return how fast the tips of the blades are at full thrust (n,) [m/s].
+
+    The diameter is that which usual blades need for the thrust at the speed.
+    """
+    turns = np.abs(vehicle.speed_max) / (2.0 * np.pi)
+    return np.asarray(
+        np.pi * np.sqrt(turns) * (np.abs(vehicle.thrust_max) / THRUST_OVER_DENSITY) ** 0.25)
+
+
+def _speeds(vehicle: Vehicle) -> tuple[Cause, ...]:
+    """Return that rotor speeds look like revolutions per minute, if blades cannot be so fast."""
+    tips = _tip_speeds(vehicle)
+    i = int(tips.argmax())
+    if tips[i] <= TIP_SPEED_MAX:
+        return ()
+    speed, thrust = float(vehicle.speed_max[i]), float(vehicle.thrust_max[i])
+    return (Cause('speeds', tuple((np.flatnonzero(tips > TIP_SPEED_MAX) + 1).tolist()), (
+        f'rotor {i + 1} gives {thrust:.4g} N at {speed:.4g} rad/s, for which blades would have to '
+        f'be faster than sound: speeds look like rpm ({speed:.4g} rpm are {RPM * speed:.4g} '
+        'rad/s), or thrust_coefficient is too large')),)
+
+
+def _geometry(vehicle: Vehicle) -> tuple[Cause, ...]:
+    """Return the slips in places, axes, spins and thrusts of the rotors."""
     if len(vehicle.servos):
         return ()
     up = vehicle.rotor_axes[:, 2]
@@ -91,12 +147,17 @@ def diagnose(vehicle: Vehicle) -> tuple[Cause, ...]:
         return ()
     if vehicle.n < ROTORS_MIN:
         return ()
-    yaw_lost = 'yaw' not in audit(vehicle).independent.axes
+    yaw_lost = 'yaw' not in independent_part(problem_of(vehicle)).axes
     if yaw_lost and abs(vehicle.spins.sum()) == vehicle.n:
         return (Cause('spins', tuple(range(1, vehicle.n + 1)), (
             'all rotors turn the same way, so nothing gives a yaw torque against their drag: '
             'half of them turn the other way')),)
     return _broken_symmetry(vehicle) or (_exchanged(vehicle) if yaw_lost else ())
+
+
+def _holds_all(vehicle: Vehicle) -> bool:
+    """Return whether no axis of a vehicle is lost; see `ca_ros.audit`."""
+    return holding_part(independent_part(problem_of(vehicle))).axes == vehicle.axes
 
 
 def _exchanged(vehicle: Vehicle) -> tuple[Cause, ...]:
@@ -106,7 +167,7 @@ def _exchanged(vehicle: Vehicle) -> tuple[Cause, ...]:
     for i, j in product(clockwise, others) if vehicle.n <= EXCHANGES_MAX else ():
         spins = vehicle.spins.copy()
         spins[[i, j]] *= -1.0
-        if not audit(replace(vehicle, spins=spins)).lost:
+        if _holds_all(replace(vehicle, spins=spins)):
             pairs.append((min(i, j) + 1, max(i, j) + 1))
     if not pairs:
         return ()

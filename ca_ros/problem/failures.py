@@ -9,17 +9,19 @@ from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import Box, ConvexSets
 from ca_ros.vehicle.motors import HEALTH_MIN
-from ca_ros.vehicle.validation import repeated
+from ca_ros.vehicle.validation import numbers
 
 
 def shares_of(health: ArrayLike, count: int) -> Array:
     """Return the share (count,) of its effect that each effector still has, 0 if it is lost.
 
-    Raises a ParameterError if there is not one number, or one for each, in [0, 1].
+    Raises a ParameterError if there is not one number in [0, 1] for each.
     """
-    shares = repeated('health', health, count, 'effector')
-    if not ((shares >= 0.0) & (shares <= 1.0)).all():
-        raise ParameterError(f'health: expected numbers in [0, 1], got {shares.tolist()}')
+    shares = numbers('health', health)
+    if shares.shape != (count,) or not ((shares >= 0.0) & (shares <= 1.0)).all():
+        given = ' '.join(repr(health).split())
+        raise ParameterError(
+            f'health: expected {count} numbers in [0, 1], one for each effector, got {given}')
     return np.where(shares < HEALTH_MIN, 0.0, shares)
 
 

@@ -296,7 +296,7 @@ class AllocationProblem:
 
         Parameters
         ----------
-        health : float or array
+        health : array
             Share of its effect that each effector still has, in [0, 1]: its columns of B are
             multiplied by it.  Without health an effector rests: it stays at the value within its
             bounds that is nearest to zero.
@@ -309,8 +309,8 @@ class AllocationProblem:
         Raises
         ------
         ParameterError
-            If the health is not one number or one for each effector in [0, 1], or an effector
-            cannot stick there.
+            If the health is not one number for each effector in [0, 1], or an effector cannot
+            stick there.
         """
         sound = self._sound or self
         if tuple(failed_arms):
@@ -474,8 +474,10 @@ class AllocationProblem:
                 return wrench
         elif not (batch and wrench.shape[-1:] == self._shape):
             expected = f'(..., {len(self.axes)})' if batch else f'({len(self.axes)},)'
+            many = '; allocate_batch takes many' if wrench.shape[1:] == self._shape else ''
             raise ValueError(
-                f'{name}: expected shape {expected} ({", ".join(self.axes)}), got {wrench.shape}'
+                f'{name}: expected shape {expected} ({", ".join(self.axes)}), got '
+                f'{wrench.shape}{many}'
             )
         sound = np.abs(wrench) <= ABSURD
         if not sound.all():

@@ -101,7 +101,7 @@ def units(vehicle: Vehicle) -> Array:
 
     Raises a ValueError if the rotors cannot command them.
     """
-    full = vehicle.with_health(1.0).thrusts(vehicle.speed_max)
+    full = vehicle.intact.thrusts(vehicle.speed_max)
     shares = np.linalg.pinv(FLIP[:, None] * rotor_wrenches(vehicle) * (CT * full / full.max())).T
 
     def mean(row: Array, small: float) -> float:
@@ -147,7 +147,7 @@ class Motors:
         # The allocator rounds within the bounds: see `Vehicle.speeds`.
         self._bounds = CommandBounds(vehicle, rounding=0.0)
         self._greatest = vehicle.curve.thrust(vehicle.speed_max)
-        full = vehicle.with_health(1.0).thrusts(vehicle.speed_max)
+        full = vehicle.intact.thrusts(vehicle.speed_max)
         self._forces = FLIP[:3] * (full[:, None] / full.sum()) * vehicle.rotor_axes
 
     def convert(self, speeds: Array) -> tuple[Any, Any]:

@@ -36,8 +36,7 @@ from ca_ros.arguments import (
     rotor_rows,
 )
 from ca_ros.input_files import read_text
-from ca_ros.problem.audit import UNITS, likely_unit
-from ca_ros.problem.diagnosis import diagnose
+from ca_ros.problem.diagnosis import UNITS, diagnose, likely_unit
 from ca_ros.vehicle.files import flatten, read_yaml
 from ca_ros.vehicle.parameter_text import parameter_text
 from ca_ros.vehicle.vehicle import Vehicle
@@ -212,7 +211,7 @@ def to_px4(vehicle: Vehicle, order: Sequence[int] = ()) -> dict[str, float]:
     if vehicle.n > ROTORS:
         raise ValueError(f'{vehicle.n} rotors, but PX4 has {ROTORS} at most')
     rows = rotor_rows(order, vehicle.n)
-    full = vehicle.with_health(1.0).thrusts(vehicle.speed_max)
+    full = vehicle.intact.thrusts(vehicle.speed_max)
     found: dict[str, float] = {'CA_ROTOR_COUNT': vehicle.n}
     for motor, i in enumerate(rows):
         ratio = vehicle.torque_coefficient[i] / vehicle.thrust_coefficient[i]

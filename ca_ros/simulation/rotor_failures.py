@@ -146,7 +146,7 @@ class RotorFailures:
 
         What is announced makes no rotor sounder than it was at the start.
         """
-        announced = _failed(vehicle.with_health(1.0), self._until(time, self.announce))
+        announced = _failed(vehicle.intact, self._until(time, self.announce))
         return announced.with_health(np.minimum(announced.health, vehicle.health))
 
     def announced(self, n: int, time: int) -> tuple[Array, dict[int, float]]:

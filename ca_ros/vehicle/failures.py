@@ -39,7 +39,7 @@ def with_failures(vehicle: Vehicle, failures: dict[str, float]) -> Vehicle:
     Raises a ParameterError if the vehicle has no such rotor.
     """
     if ALL in failures:
-        vehicle = vehicle.with_health(failures[ALL])
+        vehicle = vehicle.with_health([failures[ALL]] * vehicle.n)
     for rotor, share in failures.items():
         if rotor != ALL:
             vehicle = vehicle.fail(int(rotor), share)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,20 @@ SYMBOLS = {
 }
 """Other names of the keywords, which simulators and papers have."""
 
+INSTEAD = {
+    **dict.fromkeys(('max_thrust', 'thrust_max', 'thrust_min', 'min_thrust'), (
+        'thrust is thrust_coefficient times the square of the speed: give '
+        'speed_max=sqrt(max_thrust / thrust_coefficient), and speed_min alike')),
+    **dict.fromkeys(('speed_limits', 'speed_range', 'speeds', 'rotor_speed_limits', 'limits'), (
+        'give speed_min and speed_max [rad/s]')),
+    **dict.fromkeys(('rotors', 'motors', 'propellers', 'arm_length', 'arm', 'n_rotors'), (
+        'give positions=[(x, y, z), ...] and spins=[...], one for each rotor, or '
+        'Vehicle.ring(count=..., radius=..., ...)')),
+    **dict.fromkeys(('max_rpm', 'rpm_max', 'rpm'), (
+        'give speed_max [rad/s], rpm times 2 pi / 60')),
+}
+"""By a keyword that somebody may guess, what to give instead."""
+
 
 def parameters_of(keywords: Mapping[str, Any]) -> dict[str, Any]:
     """Return parameters by name, as in a parameter file, of keywords of `Vehicle`.
@@ -45,6 +60,8 @@ def parameters_of(keywords: Mapping[str, Any]) -> dict[str, Any]:
             continue
         if name.lower() in SYMBOLS:
             raise ParameterError(f'{name}: no such keyword; did you mean {SYMBOLS[name.lower()]}?')
+        if name not in GROUPS and name not in ('positions', 'rotor_axes', 'yaw_torque_signs'):
+            raise ParameterError(f'{name}: no such keyword{_hint(name.lower())}')
         if name in ('positions', 'rotor_axes'):
             value = _rows(name, value)
         elif name == 'spins':
@@ -53,11 +70,17 @@ def parameters_of(keywords: Mapping[str, Any]) -> dict[str, Any]:
             value = [value]
         elif name == 'yaw_torque_signs':
             name, value = 'spins', _turns(value)
-        group, key = ('rotors', 'axes') if name == 'rotor_axes' else (
-            GROUPS.get(name, 'rotors'), name)
+        group, key = ('rotors', 'axes') if name == 'rotor_axes' else (GROUPS[name], name)
         for path, each in flat(f'{group}.{key}', value):
             found[path] = plain(each)
     return found
+
+
+def _hint(name: str) -> str:
+    if name in INSTEAD:
+        return f'; {INSTEAD[name]}'
+    near = get_close_matches(name, [*GROUPS, 'rotor_axes', 'yaw_torque_signs'], n=1, cutoff=0.7)
+    return f' (did you mean {near[0]}?)' if near else ''
 
 
 def flat(name: str, value: Any) -> list[tuple[str, Any]]:

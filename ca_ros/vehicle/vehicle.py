@@ -12,7 +12,7 @@ from typing import Any, Never
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ca_ros.arrays import Array, constant, floats, is_constant
+from ca_ros.arrays import Array, constant, floats, is_constant, same
 from ca_ros.setting_names import check_given
 from ca_ros.settings import MissingParameterError, ParameterError, read, table
 from ca_ros.vehicle import files
@@ -229,7 +229,7 @@ class Vehicle(Motors):
         self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = (),
         stuck: Mapping[int, float] | None = None,
     ) -> Vehicle:
-        """Return the same vehicle with other rotor health, a scalar or (n,) in [0, 1].
+        """Return the same vehicle with other rotor health (n,) in [0, 1].
 
         `failed_arms` are coaxial pairs of rotors, counted from 1 on, of which one has failed, and
         which one is unknown.  Such an arm is one effector: both rotors have the same health, the
@@ -247,11 +247,12 @@ class Vehicle(Motors):
             shares = floats(health)
         except (TypeError, ValueError):
             shares = np.array(np.nan)
-        if shares.shape not in ((), (self.n,)) or not ((shares >= 0.0) & (shares <= 1.0)).all():
+        if shares.shape != (self.n,) or not ((shares >= 0.0) & (shares <= 1.0)).all():
             given = ' '.join(repr(health).split())
-            what = f'1 or {self.n} numbers in [0, 1]'
-            raise ParameterError(f'rotors.health: expected {what}, got {given}')
-        shares, arms = np.broadcast_to(shares, (self.n,)), tuple(failed_arms)
+            raise ParameterError(
+                f'rotors.health: expected {self.n} numbers in [0, 1], one for each rotor, '
+                f'got {given}')
+        arms = tuple(failed_arms)
         for i, j in arms:
             inside = 1 <= i <= self.n and 1 <= j <= self.n and i != j
             if not inside or shares[i - 1] != shares[j - 1]:
@@ -297,6 +298,11 @@ class Vehicle(Motors):
         return self.with_health(np.where(np.arange(self.n) == rotor - 1, health, self.health))
 
     @property
+    def intact(self) -> Vehicle:
+        """The same vehicle with the full health of all rotors; servos that stick, stick on."""
+        return self.with_health(np.ones(self.n))
+
+    @property
     def hover_speeds(self) -> Array:
         """Rotor speeds (n,) with the least thrusts that carry the weight without torque [rad/s].
 
@@ -317,6 +323,14 @@ class Vehicle(Motors):
         file describes: a thrust curve, the voltage of a battery, stuck servos.
         """
         Path(path).write_text(file_text(self), encoding='utf-8')
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether all numbers are equal, to the last bit, and all names."""
+        return same(self, other) if isinstance(other, Vehicle) else NotImplemented
+
+    def __hash__(self) -> int:
+        """Return a number that equal vehicles share."""
+        return hash((self.mass, self.axes, self.n))
 
     def __repr__(self) -> str:
         """Return the vehicle in one line."""

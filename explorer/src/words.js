@@ -68,7 +68,7 @@ function reasons({axes}, {health}, set, {blocks, cause, airmodeBlocks, served}) 
     const flags = blocks[k].map((how, i) => how && (Math.abs(cause[i]) === 3 && health[i] < LOST ? 4 : cause[i]));
     const causes = [...BOUNDS, ['speeding up', 2], ['slowing down', -2], ['weak', 3], ['weak', -3], ['lost', 4]];
     const what = [...which(flags, causes),
-      ...(airmodeBlocks[k] ? ['the limit on airmode'] : [])].join(', ') || 'the priorities';
+      ...(airmodeBlocks[k] ? ['the limit on airmode'] : [])].join(', ') || 'axes that come first';
     const how = blocks[k].includes(TOGETHER) ? ', together' : '';
     if (served[k] < 1) (limited[what + how] ??= []).push(axis);
   });

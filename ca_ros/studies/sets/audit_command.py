@@ -17,7 +17,6 @@ from ca_ros.arguments import command
 from ca_ros.parameter_files import AllocatorSettings, ControllerNodeSettings, load_for
 from ca_ros.problem.audit import VehicleAudit, accept, audit
 from ca_ros.problem.controllability import lift
-from ca_ros.problem.diagnosis import Cause, diagnose
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.failures import read_failures, with_failures
 from ca_ros.vehicle.settings import unit
@@ -47,24 +46,25 @@ def run(options: argparse.Namespace) -> int:
             vehicle = with_failures(vehicle, read_failures(','.join(options.fail)))
         except ParameterError as error:
             raise ParameterError(f'--fail: {error}') from None
-    report, causes = audit(vehicle), diagnose(vehicle)
+    report = audit(vehicle)
     if options.format == 'json':
-        print(json.dumps(as_json(options.vehicle, report, causes), indent=2))
+        print(json.dumps(as_json(options.vehicle, report), indent=2))
         accept(vehicle)
-        return PROBABLY_WRONG if causes else 0
+        return PROBABLY_WRONG if report.causes else 0
     rotors = f'{vehicle.n} rotors'
     if 'thrust' in vehicle.axes:
         rotors += ' that lift {:.3g} to {:.3g} kg'.format(*lift(vehicle))
     print(f'{options.vehicle}: {vehicle.mass:.3g} kg on {rotors}\n\n{table(vehicle)}')
-    stated = any(cause.kind == 'units' for cause in causes)
-    warnings = [*(cause.text for cause in causes), *report.warnings[stated:]]
+    # The error of a vehicle that is refused has the causes.
+    refused = vehicle.lost_axes == 'refuse' and not report.sound
+    warnings = report.warnings[len(report.causes) * refused:]
     for line in [*remains(report, options.vehicle), *(f'warning: {w}' for w in warnings)]:
         print(line)
     accept(vehicle)
-    return PROBABLY_WRONG if causes else 0
+    return PROBABLY_WRONG if report.causes else 0
 
 
-def as_json(name: str, report: VehicleAudit, causes: Sequence[Cause]) -> dict[str, Any]:
+def as_json(name: str, report: VehicleAudit) -> dict[str, Any]:
     """Return an audit as content of JSON; null where there is no number."""
     vehicle = report.full.vehicle
     failures = {}
@@ -76,8 +76,9 @@ def as_json(name: str, report: VehicleAudit, causes: Sequence[Cause]) -> dict[st
     return {
         'vehicle': name, 'failures': failures,
         'causes': [
-            {'kind': each.kind, 'rotors': each.rotors, 'text': each.text} for each in causes],
-        'warnings': report.warnings}
+            {'kind': each.kind, 'rotors': each.rotors, 'text': each.text}
+            for each in report.causes],
+        'warnings': report.warnings[len(report.causes):]}
 
 
 def remains(report: VehicleAudit, file: str) -> list[str]:
