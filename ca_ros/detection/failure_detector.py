@@ -238,10 +238,7 @@ class FailureDetector:
         - `stuck`: the servos that stick: by rotor, from 1, the angle [rad]
         """
         before, servos = self._delivered, self.vehicle.servos
-        vehicle = self.vehicle.with_health(health)
-        if len(servos):
-            vehicle = vehicle.with_stuck_servos(stuck or {})
-        self.vehicle = vehicle
+        self.vehicle = vehicle = self.vehicle.with_health(health, stuck=stuck or {})
         unfound = [since is None for since in self.since]
         self._delivered = np.where(unfound, vehicle.health, np.minimum(before, vehicle.health))
         moved = (vehicle.servos.lower != servos.lower) | (vehicle.servos.upper != servos.upper)

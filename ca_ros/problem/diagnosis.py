@@ -135,17 +135,14 @@ def _speeds(vehicle: Vehicle) -> tuple[Cause, ...]:
 
 def _geometry(vehicle: Vehicle) -> tuple[Cause, ...]:
     """Return the slips in places, axes, spins and thrusts of the rotors."""
-    if len(vehicle.servos):
-        return ()
-    up = vehicle.rotor_axes[:, 2]
+    # Rotors that tilt point nowhere for sure.
+    up = vehicle.rotor_axes[:, 2] * ~vehicle.servos.driven
     down = np.flatnonzero(up < -UPWARDS)
     if len(down) == 1 and (np.delete(up, down) > UPWARDS).all() and vehicle.n >= ROTORS_MIN:
         rotor = int(down[0]) + 1
         return (Cause('axis', (rotor,), (
             f'rotor {rotor} points down and all others up: its axis has the wrong sign')),)
-    if not (up > UPWARDS).all():
-        return ()
-    if vehicle.n < ROTORS_MIN:
+    if not (up > UPWARDS).all() or vehicle.n < ROTORS_MIN:
         return ()
     yaw_lost = 'yaw' not in independent_part(problem_of(vehicle)).axes
     if yaw_lost and abs(vehicle.spins.sum()) == vehicle.n:
