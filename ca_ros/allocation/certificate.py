@@ -62,7 +62,7 @@ class Certificate(Generic[Number]):
         At the upper bound (+1), at the lower bound (-1), or free (0).  None if the set has no list
         of facets.
         """
-        return self.problem.program.nearest_facet(self.demand)
+        return self.problem.program.attainable_set.nearest_facet(self.demand)
 
     @property
     def rate_limited(self) -> BoolArray:

@@ -19,7 +19,7 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.sets_prioritization import AnyPrioritization, prioritization_of
 from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.settings import Numbers, ParameterError
-from ca_ros.solver.polytope import Polytope, ordered, vertices_of
+from ca_ros.solver.polytope import Polytope, ordered
 from ca_ros.solver.zonotope import Zonotope
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -84,7 +84,7 @@ class AdmissibleSet:
     @cached_property
     def vertices(self) -> Array:
         """The vertices (V, m) of the set [N, N m]."""
-        return constant(vertices_of(self.zonotope))
+        return constant(self.zonotope.vertices)
 
     def section(self, axes: Sequence[str], at: ArrayLike | None = None) -> Polytope:
         """Cut the set: fix all axes but `axes`, which stay in their order.
@@ -97,14 +97,15 @@ class AdmissibleSet:
         """
         rows = self._rows(axes)
         wrench = self.reference if at is None else self.problem.check(at)
-        return Polytope(tuple(axes), ordered(self.problem.program.section(rows, wrench)))
+        return Polytope(tuple(axes), ordered(self.problem.attainable_set.section(rows, wrench)))
 
     def projection(self, axes: Sequence[str]) -> Polytope:
         """Project the set to `axes`: let all other axes be anything that is attainable.
 
         Raises a ValueError if an axis is unknown or repeated.
         """
-        return Polytope(tuple(axes), ordered(self.problem.program.shadow(self._rows(axes))))
+        rows = self._rows(axes)
+        return Polytope(tuple(axes), ordered(self.problem.attainable_set.shadow(rows)))
 
     def authority(self, u: ArrayLike) -> dict[str, tuple[float, float]]:
         """Return the ends of each axis, by its name, while the others stay at u [N, N m].
@@ -136,7 +137,7 @@ class AdmissibleSet:
 
     def contains(self, u: ArrayLike, tolerance: float = 0.0) -> BoolArray:
         """Tell which wrenches (..., m) lie in the set, up to `tolerance` in the margin."""
-        return self.problem.program.contains(self.problem.check(u, batch=True), tolerance)
+        return self.problem.attainable_set.contains(self.problem.check(u, batch=True), tolerance)
 
     def scale(self, u: ArrayLike, scale_reference: ArrayLike | None = None) -> Array:
         """Bring wrenches (..., m) into the set along the straight line to a reference [N, N m].

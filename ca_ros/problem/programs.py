@@ -9,7 +9,7 @@ from math import comb
 
 import numpy as np
 
-from ca_ros.arrays import Array, BoolArray
+from ca_ros.arrays import Array
 from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.supported_set import SupportedSet
 from ca_ros.settings import ParameterError
@@ -17,7 +17,6 @@ from ca_ros.solver.convex_sets import Box, ConvexSets
 from ca_ros.solver.least_norm_over_sets import SetsNewton
 from ca_ros.solver.least_norm_qp import DualNewton
 from ca_ros.solver.lexicographic_lp import Simplex
-from ca_ros.solver.polytope import section, vertices_of
 from ca_ros.solver.zonotope import Zonotope
 
 EXACT_TOLERANCE = 1e-12  # residual of an exact allocation, relative to max(1, |u|)
@@ -114,36 +113,6 @@ class BoxProgram:
         """Number of choices of m - 1 rotors; each may span a facet of `attainable_set`."""
         return comb(self.sets.n, len(self.matrix) - 1)
 
-    def nearest_facet(self, u: Array) -> Array | None:
-        """Return the state of the effectors (..., n) on the facet that is nearest to wrenches."""
-        return self.attainable_set.nearest_facet(u)
-
-    def contains(self, u: Array, tolerance: float) -> BoolArray:
-        """Tell which wrenches (..., m) are in the set, up to `tolerance` in the margin."""
-        return self.attainable_set.margin(u) >= -tolerance
-
-    def gauge(self, u: Array) -> Array:
-        """Return how far out wrenches (..., m) are: 0 at the centre, 1 on the boundary."""
-        image = self.attainable_set
-        heights = np.abs((u - image.center) @ image.normals.T)
-        return np.asarray((heights / image.widths).max(axis=-1), float)
-
-    def section(self, rows: list[int], at: Array) -> Array:
-        """Return corners (k, d) of a section in some axes; `at` (m,) has the values of others."""
-        image, size = self.attainable_set, self.extent
-        fixed = np.setdiff1d(range(len(size)), rows)
-        # Each axis relative to its range: a torque may be small beside a force.
-        normals = np.vstack([image.normals, -image.normals]) * size
-        norms = np.linalg.norm(normals, axis=1)
-        normals /= norms[:, None]
-        widths = np.tile(image.widths, 2) / norms
-        slacks = widths - normals[:, fixed] @ ((at - self.center) / size)[fixed]
-        return self.center[rows] + size[rows] * section(normals[:, rows], slacks)
-
-    def shadow(self, rows: list[int]) -> Array:
-        """Return corners (k, d) of the projection to some axes."""
-        return vertices_of(Zonotope(self.center[rows], self.generators[rows]))
-
     def refuse_vectors(self, taker: str, others: str) -> None:
         """Do nothing: the effectors are numbers, which each `taker` takes."""
 
@@ -200,28 +169,6 @@ class SetsProgram:
     def attainable_set(self) -> SupportedSet:
         """The set without a list of facets."""
         return SupportedSet(self.least_norm, self.center, self.extent)
-
-    def nearest_facet(self, u: Array) -> Array | None:
-        """Return None: there is no list of facets."""
-
-    def contains(self, u: Array, tolerance: float) -> BoolArray:
-        """Tell which wrenches (..., m) are in the set or at most `tolerance` away from it."""
-        return self.attainable_set.contains(u, tolerance)
-
-    def gauge(self, u: Array) -> Array:
-        """Return how far out wrenches (..., m) are: 0 at the centre, 1 on the boundary."""
-        ways = u.reshape(-1, u.shape[-1]) - self.center
-        shares = [
-            1.0 / self.reach(self.center, way, np.inf) if way.any() else 0.0 for way in ways]
-        return np.reshape(shares, u.shape[:-1])
-
-    def section(self, rows: list[int], at: Array) -> Array:
-        """Return points (k, d) on the outline of a section, see `SupportedSet.section`."""
-        return self.attainable_set.section(rows, at)
-
-    def shadow(self, rows: list[int]) -> Array:
-        """Return points (k, d) on the outline of the projection to one or two axes."""
-        return self.attainable_set.shadow(rows)
 
     def refuse_vectors(self, taker: str, others: str) -> None:
         """Raise a ParameterError: a `taker` takes numbers alone; `others` says what else does."""

@@ -67,6 +67,17 @@ class SupportedSet:
             inside[i] = apart <= most and self._outside(rows[i])[0] >= -most
         return inside.reshape(u.shape[:-1])
 
+    def nearest_facet(self, u: Array) -> None:
+        """Return None: there is no list of facets."""
+
+    def gauge(self, u: Array) -> Array:
+        """Return how far out wrenches (..., m) are: 0 at the centre, 1 on the boundary."""
+        ways = u.reshape(-1, u.shape[-1]) - self._center
+        lengths = [
+            self._solver.line(self._center, way, np.inf).length if way.any() else np.inf
+            for way in ways]
+        return np.reshape(1.0 / np.array(lengths), u.shape[:-1])
+
     def sample(self, rng: np.random.Generator, size: int) -> Array:
         """Draw wrenches (size, m) uniformly by volume [N, N m], from the box around the set."""
         m, count = len(self._center), 0

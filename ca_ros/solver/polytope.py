@@ -2,16 +2,15 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 
 import numpy as np
 
-from ca_ros.arrays import Array, IntArray, constant
-from ca_ros.solver.zonotope import PARALLEL, Zonotope, facet_normals
+from ca_ros.arrays import Array, constant
 
 MERGED = 1e-11  # distance over the polytope's size below which vertices are one
 ON_BOUNDARY = 1e-12  # the same, from a half-space, that is rounding
 ON_FACET = 1e-9  # the same, from a facet, that is rounding
+PARALLEL = 1e-10  # share of a segment along a normal that is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,43 +83,6 @@ class Polytope:
 
         size = np.ptp(self.vertices, axis=0)
         return float(ConvexHull(self.vertices / size).volume * size.prod())
-
-
-def vertices_of(zonotope: Zonotope) -> Array:
-    """Return the vertices (V, m) of a zonotope, in no particular order."""
-    extent = np.abs(zonotope.generators).sum(axis=1)
-    signs = _signs(zonotope.generators / extent[:, None])
-    return zonotope.center + signs @ zonotope.generators.T
-
-
-def _signs(generators: Array) -> IntArray:
-    """Return the ends (V, n) of the generators (m, n) at each vertex: -1 or 1, 0 if it is zero.
-
-    Each vertex lies in a facet, which is a zonotope of the generators in the facet, with one
-    dimension less.
-    """
-    m, n = generators.shape
-    if m == 1:
-        ends = np.sign(generators).astype(np.int8)
-        return np.vstack([ends, -ends])
-    lengths = np.linalg.norm(generators, axis=0)
-    found = []
-    for normal in facet_normals(generators):
-        sides = normal @ generators
-        sides[np.abs(sides) <= PARALLEL * lengths] = 0.0
-        ends = np.sign(sides).astype(np.int8)
-        free = np.flatnonzero((ends == 0) & (lengths > 0.0))
-        if len(free) == m - 1:
-            inner = np.array(list(product((-1, 1), repeat=m - 1)), dtype=np.int8)
-        else:
-            # The rows of the last factor are orthonormal; all but the first are in the facet.
-            plane = np.linalg.svd(normal[None])[2][1:]
-            inner = _signs(plane @ generators[:, free])
-        corners = np.tile(ends, (len(inner), 1))
-        corners[:, free] = inner
-        found += [corners, -corners]
-    unique: IntArray = np.unique(np.vstack(found), axis=0)
-    return unique.reshape(-1, n)
 
 
 def ordered(points: Array) -> Array:

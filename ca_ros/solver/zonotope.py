@@ -1,17 +1,17 @@
 """Zonotopes: the images of boxes under linear maps."""
 
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, product
 from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ca_ros.arrays import Array, BoolArray, constant
+from ca_ros.arrays import Array, BoolArray, IntArray, constant
+from ca_ros.solver.polytope import PARALLEL, section
 
 IndexArray = NDArray[np.intp]
 
-PARALLEL = 1e-10  # share of a segment along a normal that is rounding
 SPANNING_MIN = 1e-9  # least singular value of unit vectors that span
 SPAN_ROUNDING = 1e-12  # relative size below which a component that should be zero is rounding
 
@@ -83,6 +83,31 @@ class Zonotope:
         side = np.take_along_axis(np.sign(heights), nearest[..., None], axis=-1)
         return np.sign(side * self.sides[nearest]).astype(np.int8)
 
+    def contains(self, u: Array, tolerance: float) -> BoolArray:
+        """Tell which points (..., m) are in the set, up to `tolerance` in the margin."""
+        return self.margin(u) >= -tolerance
+
+    def gauge(self, u: Array) -> Array:
+        """Return how far out points (..., m) are: 0 at the centre, 1 on the boundary."""
+        heights = np.abs((u - self.center) @ self.normals.T)
+        return np.asarray((heights / self.widths).max(axis=-1), float)
+
+    def section(self, rows: list[int], at: Array) -> Array:
+        """Return corners (k, d) of a section in some axes; `at` (m,) has the values of others."""
+        size = self._extent
+        fixed = np.setdiff1d(range(len(size)), rows)
+        # Each axis relative to its range: a torque may be small beside a force.
+        normals = np.vstack([self.normals, -self.normals]) * size
+        norms = np.linalg.norm(normals, axis=1)
+        normals /= norms[:, None]
+        widths = np.tile(self.widths, 2) / norms
+        slacks = widths - normals[:, fixed] @ ((at - self.center) / size)[fixed]
+        return self.center[rows] + size[rows] * section(normals[:, rows], slacks)
+
+    def shadow(self, rows: list[int]) -> Array:
+        """Return corners (k, d) of the projection to some axes."""
+        return Zonotope(self.center[rows], self.generators[rows]).vertices
+
     def slanted(self, rates: Array, directions: Array) -> BoolArray:
         """Tell which rates ``directions @ normals.T`` (..., k) are more than rounding errors."""
         size = np.abs(directions / self._extent).max(axis=-1)
@@ -110,6 +135,12 @@ class Zonotope:
         ends = -np.sign(cost - prices[:, :, 0] @ self.generators)
         np.put_along_axis(ends, choices, 0.0, axis=1)
         return tiles, self.center + ends @ self.generators.T, volumes
+
+    @property
+    def vertices(self) -> Array:
+        """The vertices (V, m), in no particular order."""
+        signs = _signs(self.generators / self._extent[:, None])
+        return self.center + signs @ self.generators.T
 
     @property
     def volume(self) -> float:
@@ -188,3 +219,33 @@ def _exterior_products(
             sign = (-1.0) ** (size - k)
             products[:, i] += sign * spans[parents, rest] * vectors[last, axis]
     return products
+
+
+def _signs(generators: Array) -> IntArray:
+    """Return the ends (V, n) of the generators (m, n) at each vertex: -1 or 1, 0 if it is zero.
+
+    Each vertex lies in a facet, which is a zonotope of the generators in the facet, with one
+    dimension less.
+    """
+    m, n = generators.shape
+    if m == 1:
+        ends = np.sign(generators).astype(np.int8)
+        return np.vstack([ends, -ends])
+    lengths = np.linalg.norm(generators, axis=0)
+    found = []
+    for normal in facet_normals(generators):
+        sides = normal @ generators
+        sides[np.abs(sides) <= PARALLEL * lengths] = 0.0
+        ends = np.sign(sides).astype(np.int8)
+        free = np.flatnonzero((ends == 0) & (lengths > 0.0))
+        if len(free) == m - 1:
+            inner = np.array(list(product((-1, 1), repeat=m - 1)), dtype=np.int8)
+        else:
+            # The rows of the last factor are orthonormal; all but the first are in the facet.
+            plane = np.linalg.svd(normal[None])[2][1:]
+            inner = _signs(plane @ generators[:, free])
+        corners = np.tile(ends, (len(inner), 1))
+        corners[:, free] = inner
+        found += [corners, -corners]
+    unique: IntArray = np.unique(np.vstack(found), axis=0)
+    return unique.reshape(-1, n)

@@ -19,7 +19,7 @@ DEPTHS = (1e-3, 1e-6, 1e-9)  # of `near_boundary`, relative to the distance from
 
 def gauge(admissible: AdmissibleSet, wrenches: Array) -> Array:
     """Return how far out wrenches (..., m) are: 0 at the centre, 1 on the boundary."""
-    return admissible.problem.program.gauge(wrenches)
+    return admissible.problem.attainable_set.gauge(wrenches)
 
 
 def samples(admissible: AdmissibleSet, sampling: str, seed: int, start: int, stop: int) -> Array:
