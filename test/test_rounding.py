@@ -125,13 +125,13 @@ def test_policies_agree_on_what_is_attainable(n, first, digits, monkeypatch):
 SHARED = {
     'least_norm.c': {
         'STEPS': qp.STEPS, 'SINGULAR_MIN': qp.SINGULAR_MIN, 'STEEP': qp.STEEP,
-        'SOFT': qp.SOFT, 'SAME': qp.SAME, 'STILL': qp.STILL,
+        'FULL_SLACK': qp.FULL_SLACK, 'SAME': qp.SAME, 'STILL': qp.STILL,
         'IMAGE_ROUNDING': qp.IMAGE_ROUNDING, 'CHANGED': qp.CHANGED,
         'EXACT_SUM': qp.EXACT_SUM, 'SUM': qp.SUM, 'AIM': qp.AIM},
     'priorities.c': {
         'ZERO': lp.ZERO, 'SLACK': lp.SLACK, 'RATE_MIN': lp.RATE_MIN, 'MAGNIFIED': lp.MAGNIFIED,
         'PIVOTS_PER_VARIABLE': lp.PIVOTS_PER_VARIABLE, 'INSIDE': prioritization.INSIDE,
-        'REST': prioritization.REST, 'DOUBT': prioritization.DOUBT},
+        'REST': prioritization.REST, 'ERROR_FACTOR': prioritization.ERROR_FACTOR},
     'priorities.h': {
         'CA_LAG': prioritization.LAG, 'CA_LAG_RATIO': prioritization.LAG_RATIO},
     'vectored_newton.c': {name: getattr(sets_qp, name) for name in (
@@ -139,7 +139,8 @@ SHARED = {
         'GAP')},
     'vectored_priorities.c': {
         'LEVEL': faces.LEVEL, 'DEPENDENT': faces.DEPENDENT, 'STILL': sets_prioritization.STILL,
-        'YIELD': sets_prioritization.YIELD, 'MOVED': sets_prioritization.MOVED},
+        'PRIORITY_TOLERANCE': sets_prioritization.PRIORITY_TOLERANCE,
+        'MOVED': sets_prioritization.MOVED},
     'detector.c': {
         **{name: getattr(hypothesis_test, name) for name in (
             'CLEAR_LOSS', 'LEAST_LOSS', 'WEAK_LOSS', 'ASKED', 'THRUST_ERROR', 'DRAG_ERROR',

@@ -19,8 +19,6 @@ from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.settings import Settings, settings_of
 from ca_ros.vehicle.vehicle import Vehicle
 
-Subject = Vehicle | AllocationProblem  # what an allocator is for
-
 
 class Allocator(ABC):
     """Distributes a wrench among the rotors of a vehicle, or u among the effectors of a problem.
@@ -70,7 +68,8 @@ class Allocator(ABC):
     """The status of an answer that misses only axes that the method left out; see `Reduced`."""
 
     def __init__(
-        self, problem: Subject, settings: Settings | None = None, /, **given: Any
+        self, problem: Vehicle | AllocationProblem, settings: Settings | None = None, /,
+        **given: Any,
     ) -> None:
         if 'lost_axes' in given and not hasattr(self.settings_type, 'lost_axes'):
             raise TypeError('lost_axes: make_allocator takes it; with_health keeps all axes')

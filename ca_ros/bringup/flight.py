@@ -156,7 +156,7 @@ class Session:
             late += [name for name in CUTTING if name not in plan.replacements]
         now = recorder.get_clock().now().nanoseconds
         self._wait(lambda: self._reports.missing(late, now))
-        faults = self._reports.faults()
+        faults = self._reports.link_faults()
         flight = recorder.flight(duration)
         if common['mode'] == 'lockstep' and (lost := flight.missing(duration)):
             raise CaRosError(f'{lost} samples were lost: the recorder did not keep up')

@@ -29,7 +29,7 @@
 /* Multipliers above this, in units of the greatest thrust, indicate almost parallel facets. */
 #define STEEP CA_CHOOSE(2e4, 2e2)
 /* Multiple of STEEP at which a relaxed solution uses the whole slack. */
-#define SOFT CA_REAL(0.05)
+#define FULL_SLACK CA_REAL(0.05)
 /* Change of a thrust, in units of the greatest thrust, for which no slack is used. */
 #define SAME CA_CHOOSE(1e-7, 1e-4)
 /* Rounding error of thrusts that are computed from y, as a share of |y|. */
@@ -836,7 +836,7 @@ static void relax(const ca_problem *problem, ca_search *search, ca_real *thrusts
     for (int k = 0; k < m; k++)
         norm += ca_dot(m, problem->back[k], problem->back[k]);
     const ca_real room = slack / ca_sqrt(CA_REAL(m) * norm);
-    const ca_real rate = ca_sqrt(room / (SOFT * steep));
+    const ca_real rate = ca_sqrt(room / (FULL_SLACK * steep));
     for (int i = 0; i < n; i++) {
         lower[i] = problem->deviation_lower[i];
         upper[i] = problem->deviation_upper[i];

@@ -58,7 +58,7 @@
  * DEPENDENT           1e-13   1e-4   rounding of the rest of a row by the Gram-Schmidt method
  * WELL                1e-2    3e-2   normal equations, which square it, lose up to 4 and 3 digits
  * STEEP               2e4     2e2    multipliers that no facet has but those parallel to 5e-5 and 5e-3
- * SOFT, SAME          0.05, 1e-7, single 1e-4: how much slack is used, and when; docs/exact.md
+ * FULL_SLACK, SAME    0.05, 1e-7, single 1e-4: how much slack is used, and when; docs/exact.md
  * SPANNING_MIN        1e-9    1e-5   axes with fewer independent digits would lose their tolerance
  * ZERO                1e-8    1e-6   a rate that moves an axis by less than motors can follow
  * RATE_MIN            1e-9    1e-6   below ZERO, so that what blocks is not what a push has ignored
@@ -66,7 +66,7 @@
  * MAGNIFIED           1e-3    1e-3   SLACK over it is some eps: a rate after a small pivot, whose error it has
  * UNCLEAR             0       3e-3   rounding after pivots of this size: a decision that needs digits
  * SLACK               1e-12   1e-6   rounding of a variable after some moves
- * DOUBT               10      1      pivots after one another, each with its error
+ * ERROR_FACTOR        10      1      pivots after one another, each with its error
  * PARALLEL            1e-3    1e-3   facets that a wrench 1e-9 away exchanges: no face is taken
  * INSIDE, LAG, LAG_RATIO, REST: 0.99, 1e-3, 1e-6, 1e-9: of the priorities, not of rounding
  * NONE, CLEAR         1e-10, 1e-3, single 1e-6, 1e-2: a normal of rounded factors; between them it is

@@ -63,8 +63,8 @@ typedef ca_real real;
 #define REST REAL(CA_CHOOSE(1e-9, 1e-6))
 #define LAG REAL(CA_LAG)
 #define LAG_RATIO REAL(CA_LAG_RATIO)
-/* A demand counts as served within DOUBT times the error estimate of the simplex method. */
-#define DOUBT REAL(CA_CHOOSE(10, 1))
+/* A demand counts as served within ERROR_FACTOR times the error estimate of the simplex method. */
+#define ERROR_FACTOR REAL(CA_CHOOSE(10, 1))
 
 /* Rate below which two facets are almost parallel. */
 #define PARALLEL REAL(1e-3)
@@ -1014,6 +1014,6 @@ int SERVE(const ca_problem *p, const ca_real *u, ca_served *served, int *pivots,
     }
     for (int k = 0; k < m; k++)
         served->face.wrench[k] = wrench[k] - missed[k];
-    ca_judge(p, u, (ca_real)share, (ca_real)(DOUBT * s.doubt), served);
+    ca_judge(p, u, (ca_real)share, (ca_real)(ERROR_FACTOR * s.doubt), served);
     return 1;
 }

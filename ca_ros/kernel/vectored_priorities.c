@@ -17,7 +17,7 @@
 /* Distance to a goal, as a share of an axis's range, that counts as none. */
 #define STILL CA_CHOOSE(1e-12, 1e-6)
 /* Distance from the demand, as a share of an axis's range, that counts as served. */
-#define YIELD CA_CHOOSE(1e-7, 1e-4)
+#define PRIORITY_TOLERANCE CA_CHOOSE(1e-7, 1e-4)
 /* Change of a more important axis, as a share of its range, for which a step is left out. */
 #define MOVED CA_CHOOSE(1e-6, 1e-3)
 /* Least weight of an axis in its group, as a share of its range, and relative to the greatest. */
@@ -373,7 +373,7 @@ static void approach(const ca_vectored *p, run *r, int count, const int *group, 
         for (int i = 0; i < rows; i++) {
             const int k = axes[i];
             const ca_real over = wrench(p, r, k) - u[k];
-            beyond[i] = (way[i] < 0 ? -over : over) > YIELD * p->extent[k];
+            beyond[i] = (way[i] < 0 ? -over : over) > PRIORITY_TOLERANCE * p->extent[k];
             any = any || beyond[i];
         }
         for (int i = 0; !any && length >= most && i < rows; i++)
@@ -500,7 +500,7 @@ ca_real ca_vectored_prioritize(const ca_vectored *p, const ca_real *u, ca_real *
         const int k = order[i];
         const ca_real served = wrench(p, &r, k), demand = u[k] - p->reference[k];
         ca_real level = 0;
-        if (ca_abs(served - u[k]) <= YIELD * p->extent[k])
+        if (ca_abs(served - u[k]) <= PRIORITY_TOLERANCE * p->extent[k])
             continue;
         if (i < first && on_reference)
             level = share;

@@ -132,7 +132,7 @@ class Diagnostics:
     def _look_around(self) -> None:
         """Report faults of endpoints, and how many messages were dropped since the last look."""
         streams = self._streams
-        found = faults(self._node, streams.subscriptions, streams.publishers)
+        found = endpoint_faults(self._node, streams.subscriptions, streams.publishers)
         notes = [(WARN, fault) for fault in found]
         for note in notes:
             if note not in self._notes:
@@ -145,7 +145,7 @@ class Diagnostics:
         self._publish()
 
 
-def faults(
+def endpoint_faults(
     node: Node, streams: Collection[Subscription], offers: Collection[Publisher]
 ) -> list[str]:
     """Return what is wrong with the endpoints on a node's topics, one sentence each.

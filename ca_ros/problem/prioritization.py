@@ -30,7 +30,7 @@ REST = 1e-9  # distance from the reference, as a share of an axis's range, that 
 LAG = 1e-3  # least weight of an axis in its group, as a share of its range
 LAG_RATIO = 1e-6  # least weight of an axis in its group, relative to the greatest
 
-DOUBT = 10.0  # error estimates of the simplex method within which a demand is served
+ERROR_FACTOR = 10.0  # error estimates of the simplex method within which a demand is served
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,7 +258,8 @@ class Prioritization:
             levels[:, self._first] = np.where(shares < 0.0, levels[:, self._first], shares)
         doubts = np.array([end.doubt for end in ends]).reshape(-1, 1)
         rounding = sum_rounding(problem.gamma, thrusts)[:, None]
-        met = np.abs(served - demands) <= np.maximum(DOUBT * doubts * static.extent, rounding)
+        errors = ERROR_FACTOR * doubts * static.extent
+        met = np.abs(served - demands) <= np.maximum(errors, rounding)
         levels[met] = 1.0
         reached = np.asarray(met.all(axis=-1)).reshape(u.shape[:-1])
         thrusts = thrusts.reshape(*u.shape[:-1], n)

@@ -28,7 +28,7 @@ from ca_ros.solver.convex_sets import Box, ConvexSets, Interval
 from ca_ros.solver.faces import LEVEL, face, independent, whole
 from ca_ros.solver.least_norm_over_sets import SetsNewton
 
-YIELD = 1e-7
+PRIORITY_TOLERANCE = 1e-7
 """How far a more important axis may give way to the next steps, as a share of its range."""
 
 MOVED = 1e-6
@@ -76,7 +76,7 @@ class SetsPrioritization:
         if not usual or not problem.reference_inside:
             served = problem.gamma @ self._answer(self.reference, self.solver)[0]
             off = np.abs(served - self.reference) / problem.extent
-            keeps = [row for row in keeps if off[row] <= 10.0 * YIELD]
+            keeps = [row for row in keeps if off[row] <= 10.0 * PRIORITY_TOLERANCE]
         self.senses = keeps
 
     def __call__(self, u: Array) -> Served:
@@ -93,7 +93,7 @@ class SetsPrioritization:
             levels = np.clip(np.where(way != 0.0, (served - self.reference) / way, 0.0), 0.0, 1.0)
         if (self.begin == self.reference[self.groups[0]]).all():
             levels[self.groups[0]] = share
-        met = np.abs(served - u) <= YIELD * problem.extent
+        met = np.abs(served - u) <= PRIORITY_TOLERANCE * problem.extent
         levels[met] = 1.0
         return Served(served, levels, np.asarray(met.all()), point)
 
@@ -169,7 +169,7 @@ class SetsPrioritization:
                 return
             way = np.where(left < 0.0, -1.0, 1.0) * shares[rows]
             length = run.go(rows, u[rows] - most * way, way, most, most * way)
-            beyond = (run.wrench - u)[rows] * np.sign(way) > YIELD * extent[rows]
+            beyond = (run.wrench - u)[rows] * np.sign(way) > PRIORITY_TOLERANCE * extent[rows]
             if not beyond.any():
                 if length >= most:
                     run.hold(rows, u[rows], u[rows])

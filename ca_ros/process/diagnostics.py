@@ -80,7 +80,7 @@ class Reports:
                         found[match['axis']] = share, why
         return {axis: why for axis, (_, why) in found.items()}
 
-    def faults(self) -> Counter[str]:
+    def link_faults(self) -> Counter[str]:
         """Return how many messages the fault proxy received, and had each fault."""
         total = self._sum('fault_proxy')
         return +Counter({kind: total[kind] for kind in ('received', *FAULT_KINDS)})

@@ -11,7 +11,7 @@ STEPS = 50  # limit of Newton's iteration; the tests have not seen more than 20 
 
 SINGULAR_MIN = 1e-8  # of the free rows of `basis`, below which they do not span an axis
 STEEP = 2e4  # size of multipliers, over the greatest thrust, that shows almost parallel facets
-SOFT = 0.05  # multiple of `STEEP` at which a relaxed solution uses the whole slack
+FULL_SLACK = 0.05  # multiple of `STEEP` at which a relaxed solution uses the whole slack
 SAME = 1e-7  # change of a thrust, in units of the greatest thrust, for which no slack is used
 
 IMAGE_ROUNDING = 16 * 2.2e-16  # of thrusts computed from y, as a share of |y|
@@ -112,7 +112,7 @@ class DualNewton:
         if relaxed:
             n, m = self.basis.shape
             room = slack / (np.sqrt(m) * np.linalg.norm(self._back))
-            rate = np.sqrt(room / (SOFT * steep))
+            rate = np.sqrt(room / (FULL_SLACK * steep))
             # One virtual actuator for each axis produces the part of u that may be missed.
             wider = copy(self)
             wider.basis = np.vstack([self.basis, rate * np.eye(m)])
