@@ -31,7 +31,7 @@ STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 TICK = 0.02  # period of the checks of watchdogs and of the timeout action [s]
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
-"""Each event handler costs a microsecond a command; `diagnostics.endpoint_faults` replaces rclpy's."""
+"""Each event handler costs a microsecond a command; `endpoint_faults` replaces rclpy's."""
 
 SETTLING = 0.05  # time after a stall until the middleware has handed over all that came [s]
 
