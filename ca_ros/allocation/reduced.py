@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -45,19 +44,6 @@ def method_for(kind: type[Allocator], report: Audit, settings: Any) -> Allocator
         kind(audit(sound).independent, settings)
         return AtRest(report.independent)
     return kind(*kind.suited(report, settings))
-
-
-class WholeBatch(AllocationBatch):
-    """The answers of `Reduced` for many demands; `part` are those of its method."""
-
-    part: AllocationBatch | None = None
-    maker: Reduced | None = None
-
-    def __getitem__(self, i: Any) -> Any:
-        """Return one answer, or the answers of a slice."""
-        if self.part is None or self.maker is None:
-            return super().__getitem__(i)
-        return self.maker.whole(self.part[i], self.demand[i])
 
 
 class Reduced(Allocator):
@@ -130,7 +116,7 @@ class Reduced(Allocator):
             one.__dict__['part'] = answer
             return one
         found = np.where(answer.status == Status.EXACT, np.int8(self.missed), answer.status)
-        made = WholeBatch(
+        made = AllocationBatch(
             self.problem, u, answer.thrusts,
             np.where(exact, np.int8(Status.EXACT), found).astype(np.int8),
             answer.level, answer.violation, answer.preference)
@@ -158,14 +144,7 @@ class Reduced(Allocator):
             joint_gain=spread(found.joint_gain, 0.0),
             airmode_blocks=spread(found.airmode_blocks, 0), airmode=spread(found.airmode, 0.0))
 
-    def with_health(
-        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = (),
-        stuck: Mapping[int, float] | None = None,
-    ) -> Allocator:
-        """Return the same method for other health; see `Allocator.with_health`."""
+    def _for(self, problem: AllocationProblem) -> Allocator:
         if self._answering is not self.method:
             raise TypeError('with_health: ask the allocator before within_rates')
-        return super().with_health(health, failed_arms, stuck)
-
-    def _for(self, problem: AllocationProblem) -> Allocator:
         return after_failures(self._kind, problem, self.settings)

@@ -74,6 +74,8 @@ class Answer(Generic[Number]):
     part: Any = None
     """The answer of the method, if that has only some of the axes: its certificate counts, with
     the residual of all axes."""
+    maker: Any = None
+    """The allocator that made this answer of its `part`."""
 
     @property
     def effectors(self) -> Array:
@@ -275,6 +277,8 @@ class AllocationBatch(Answer[Array]):
 
     def __getitem__(self, i: int | slice) -> Allocation | AllocationBatch:
         """Return the answer to wrench i, or the answers of a slice as a batch."""
+        if self.part is not None:
+            return self.maker.whole(self.part[i], self.demand[i])
         if isinstance(i, slice):
             return replace(
                 self, demand=self.demand[i], thrusts=self.thrusts[i], status=self.status[i],

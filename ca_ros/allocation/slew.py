@@ -1,6 +1,5 @@
 """Slew limits: allocation within bounds that move with the last command."""
 
-from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.typing import ArrayLike
 from ca_ros.allocation.allocator import Allocator
 from ca_ros.allocation.result import Allocation
 from ca_ros.arrays import Array, constant
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.vehicle.validation import ABSURD, numbers
 
 
@@ -102,19 +102,8 @@ class SlewLimited(Allocator):
             raise ValueError(f'period: expected a time from 0 on [s], got {period!r}')
         return self.allocator.allocate_within(u, *self.reachable(command, seconds))
 
-    def with_health(
-        self, health: ArrayLike, failed_arms: Iterable[tuple[int, int]] = (),
-        stuck: Mapping[int, float] | None = None,
-    ) -> Allocator:
-        """Return the same after failures; see `Allocator.with_health`."""
-        return self._with(self.allocator.with_health(health, failed_arms, stuck))
-
-    def with_matrix(self, matrix: ArrayLike) -> Allocator:
-        """Return the same for another matrix; see `Allocator.with_matrix`."""
-        return self._with(self.allocator.with_matrix(matrix))
-
-    def _with(self, allocator: Allocator) -> Allocator:
-        return type(self)(allocator, self.rates, self.braking)
+    def _for(self, problem: AllocationProblem) -> Allocator:
+        return type(self)(self.allocator._for(problem), self.rates, self.braking)
 
     def _allocate(self, u: Array) -> Allocation:
         return self.allocate(u)

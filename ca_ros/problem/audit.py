@@ -19,7 +19,7 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem, problem_of, vehicle_of
 from ca_ros.settings import ParameterError, read
 from ca_ros.solver.zonotope import facet_normals
-from ca_ros.vehicle.settings import AxesSettings, unit
+from ca_ros.vehicle.settings import AxesSettings
 from ca_ros.vehicle.vehicle import Vehicle
 
 ROUNDED = 1e-8, 2e-3
@@ -207,7 +207,7 @@ class VehicleAudit(Audit):
 
     @cached_property
     def _hover_thrusts(self) -> Array:
-        return controllability.hover_thrusts(self.controllable)
+        return self.controllable.program.thrusts(self.controllable.reference)
 
     @cached_property
     def spin_torque(self) -> float:
@@ -229,9 +229,6 @@ class VehicleAudit(Audit):
 
     def _margin(self) -> str:
         return f'hover margin {self.controllable_hover_margin:.3g} [N, N m]'
-
-    def _unit(self, axis: str) -> str:
-        return unit(axis)
 
     def _remains(self) -> list[str]:
         """Return the yaw torque and the side force that hover leaves, in words."""

@@ -131,11 +131,6 @@ def _give_up(axes: Axes, good: Callable[[Axes], bool]) -> Axes:
     return axes
 
 
-def hover_thrusts(problem: AllocationProblem) -> Array:
-    """Return the least thrusts (n,) with which the axes of a problem hover [N]."""
-    return problem.program.thrusts(problem.reference)
-
-
 def spin_torque(full: VehicleProblem, kept: Sequence[str], thrusts: Array) -> float:
     """Return the yaw torque nearest to zero with which some axes hover [N m].
 
