@@ -30,7 +30,7 @@ from ca_ros.studies.cases import Case
 from ca_ros.studies.comparison import FixedPseudoInverse
 from ca_ros.studies.dynamic.manoeuvres import unlimited, upset
 from ca_ros.vehicle import files
-from ca_ros.vehicle.failures import read_failures, with_failures
+from ca_ros.vehicle.failure_words import read_failures, with_failures
 from ca_ros.vehicle.files import config_directory, read
 from ca_ros.vehicle.formats import mixers
 from ca_ros.vehicle.settings import MovingBodySettings

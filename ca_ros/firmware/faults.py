@@ -12,7 +12,7 @@ from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.problem.audit import VehicleAudit, accept, audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
-from ca_ros.vehicle.failures import in_words, read_failures, with_failures
+from ca_ros.vehicle.failure_words import in_words, read_failures, with_failures
 from ca_ros.vehicle.motors import HEALTH_MIN
 from ca_ros.vehicle.vehicle import Vehicle
 

@@ -8,7 +8,6 @@ chooses the NumPy implementation instead, and `CA_ROS_KERNEL=c` makes a missing 
 """
 
 import warnings
-from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
 from os import environ
@@ -36,13 +35,9 @@ class Kernel(Protocol):
     """The exact allocator for one problem; arrays are contiguous, of its precision."""
 
     def __init__(
-        self, gamma: Array, lower: Array, upper: Array, reference: Array, order: Sequence[int],
-        group: Sequence[int], keep_sense: Sequence[int], policy: int, on_reference: bool,
-        slack: float, weight: Array | None = None, preferred: Array | None = None,
-        thrust: int = -1, airmode: Sequence[float] = (1.0, 1.0),
-        impaired: Sequence[int] | None = None, rest: Array | None = None,
-        nearly_level: bool = False,
-    ) -> None: ...
+        self, gamma: Array, lower: Array, upper: Array, reference: Array, **options: Any
+    ) -> None:
+        """`options` are those of ``Kernel(...)`` in ``module.c``, fields of ``ca_options``."""
 
     def allocate(
         self, u: Array, demand: Array, thrusts: Array, *bounds: Array

@@ -16,7 +16,7 @@ from ca_ros.simulation.closed_loop import Change
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.studies.cases import Case
 from ca_ros.studies.tables import table
-from ca_ros.vehicle.failures import with_failures
+from ca_ros.vehicle.failure_words import with_failures
 
 START, GOAL = Waypoint.of(0.0, 0.0, 0.0, 0.0), Waypoint.of(1.2, 1.2, 1.06, 0.0)
 """The waypoint at which the rotor is lost, and the next waypoint, 2 m away."""

@@ -23,7 +23,7 @@ from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
 from ca_ros.solver.polytope import Polytope
 from ca_ros.studies.sets.sections import fixed, labels, units
-from ca_ros.vehicle.failures import in_words, read_failures, with_failures
+from ca_ros.vehicle.failure_words import in_words, read_failures, with_failures
 from ca_ros.vehicle.vehicle import Vehicle
 
 LOOKS: Any = (('-', 0.25), ((0, (4, 2)), 0.35), ((0, (1, 1)), 0.45))

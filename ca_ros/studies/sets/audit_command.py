@@ -18,7 +18,7 @@ from ca_ros.parameter_files import AllocatorSettings, ControllerNodeSettings, lo
 from ca_ros.problem.audit import VehicleAudit, accept, audit
 from ca_ros.problem.controllability import lift
 from ca_ros.settings import ParameterError
-from ca_ros.vehicle.failures import read_failures, with_failures
+from ca_ros.vehicle.failure_words import read_failures, with_failures
 from ca_ros.vehicle.settings import unit
 from ca_ros.vehicle.vehicle import Vehicle
 
