@@ -92,7 +92,8 @@ class Session:
         links = [*LINK_NAMES]
         if plan.faults is not None:
             links += [f'{PREFIX}{topic}' for topic in LINK_NAMES]
-        self._recorder = Recorder(links, plan.replacements, namespace=plan.namespace)
+        self._recorder = Recorder(
+            links, plan.replacements, measures=plan.detect, namespace=plan.namespace)
         self._reports = Reports(self._recorder)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._recorder)

@@ -127,7 +127,8 @@ def fly(
 ) -> Flight:
     """Fly to a waypoint; return one sample at each step up to the `duration` [s].
 
-    The samples have the measured states and the commanded rotor speeds and tilt angles.  Raises a
+    The samples have the measured states and the commanded rotor speeds and tilt angles; with a
+    detection, the measured speeds, too, from the first step on, as bringup records them.  Raises a
     FloatingPointError if the flight diverges because the gains or the steps are too large, or a
     ValueError if a time step is given for a plant.
 
@@ -142,6 +143,7 @@ def fly(
     - `detection`: failures that it finds in a sample take effect at that sample
     """
     samples: list[tuple[Array, ...]] = []
+    measured: list[Array] = []
     plant = _plant_of(body, time_step).restarted(state)
     if failures is not None:
         plant.failures = failures
@@ -173,6 +175,7 @@ def fly(
         command = pilot.allocate(wrench, last, now, before).command
         if detection:
             detection.command(now, command)
+            measured.append(plant.speeds if samples else np.full_like(plant.speeds, np.nan))
         samples.append((state, velocity, command))
         plant.step(command)
     flown, velocities, given = map(np.array, zip(*samples, strict=True))
@@ -180,6 +183,7 @@ def fly(
     return Flight(
         np.arange(len(flown)) * step_ns / 1e9, flown[:, POSITION], flown[:, ATTITUDE], velocities,
         flown[:, ANGULAR_VELOCITY], given[:, :n], given[:, n:],
+        np.array(measured)[:, :n] if measured else np.zeros((0, 0)),
     )
 
 

@@ -14,7 +14,7 @@ from ca_ros.simulation.plant_settings import PlantSettings
 from ca_ros.simulation.rigid_body import Integrator, RigidBody, euler
 from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.simulation.sensors import Sensors, delay_line
-from ca_ros.vehicle.motor_lag import ServoLag, lagged
+from ca_ros.vehicle.motor_lag import ServoLag, lagged, mean_speeds
 from ca_ros.vehicle.settings import triple
 from ca_ros.vehicle.state import ANGULAR_VELOCITY, POSITION, VELOCITY
 from ca_ros.vehicle.validation import repeated
@@ -47,9 +47,9 @@ def body_of(vehicle: Vehicle, settings: PlantSettings) -> RigidBody:
 class Plant:
     """The simulated vehicle; holds its state.
 
-    Each step has equal sub-steps, in which rotor speeds and wind are held.  The plant starts at
-    rest: its rotors stand still.  Raises a ParameterError if settings contradict each other; they
-    are named.
+    Each step has equal sub-steps, in which the mean rotor speeds and the wind are held.  The plant
+    starts at rest: its rotors stand still.  Raises a ParameterError if settings contradict each
+    other; they are named.
 
     `settings`: all effects are off by default.  `state` (13,): initial state, see
     `ca_ros.simulation.rigid_body`; by default that of the settings.  `integrate`: what takes a
@@ -162,13 +162,15 @@ class Plant:
             self._commands.append(command)
             given = self._commands.popleft()
             lag = self._settings.motor_time_constant
+            # Those at the end would act half a sub-step too early.
+            mean = mean_speeds(lag, self.speeds[:n], given[:n], step)
             speeds = lagged(lag, self.speeds[:n], given[:n], step)
             angles = self._servos.move(self.speeds[n:], given[n:], step, self.body.vehicle)
-            self.speeds = np.concatenate([speeds, angles])
+            self.speeds, held = (np.concatenate([each, angles]) for each in (speeds, mean))
             if self._settings.lost_rotors == 'stop':
                 lost = np.flatnonzero(self.body.vehicle.lost)
-                self.speeds[lost] = 0.0
-            state = self.body.step(state, self.speeds, step, self._wind(step), self._integrate)
+                self.speeds[lost] = held[lost] = 0.0
+            state = self.body.step(state, held, step, self._wind(step), self._integrate)
             if self._grounded:
                 state = stopped_by_ground(state)
             self._states.append(state)

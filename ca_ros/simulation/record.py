@@ -26,6 +26,8 @@ class Flight:
     - `velocity` and `angular_velocity` (K, 3): body frame [m/s, rad/s]
     - `speeds` (K, n): rotor speeds from each sample to the next [rad/s]
     - `angles` (K, k): the same of the angles of servos [rad]
+    - `measured` (K, n): rotor speeds that were measured at the samples, NaN where none was
+      [rad/s]; empty without measurements
     """
 
     time: Array
@@ -35,9 +37,11 @@ class Flight:
     angular_velocity: Array
     speeds: Array
     angles: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    measured: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'angles', self.angles.reshape(len(self.time), -1))
+        for name in ('angles', 'measured'):
+            object.__setattr__(self, name, getattr(self, name).reshape(len(self.time), -1))
 
     @property
     def euler(self) -> Array:
@@ -87,6 +91,7 @@ class Flight:
             numbered('angle', self.angles): self.angles, ('vx', 'vy', 'vz'): self.velocity,
             ('gyro_x', 'gyro_y', 'gyro_z'): self.angular_velocity,
             numbered('command', self.speeds): self.speeds,
+            numbered('speed_measured', self.measured): self.measured,
         }
         pairs = tables.items()
         return {name: table[:, i] for names, table in pairs for i, name in enumerate(names)}

@@ -22,6 +22,14 @@ def lagged(time_constant: float | Array, speeds: Array, command: Array, step: fl
     return speeds - expm1(-step / time_constant) * (command - speeds)
 
 
+def mean_speeds(time_constant: float, speeds: Array, command: Array, step: float) -> Array:
+    """Return the mean speeds (n,) during a step of `lagged` [rad/s]."""
+    if not time_constant:
+        return command
+    share = -expm1(-step / time_constant) * time_constant / step
+    return command + share * (speeds - command)
+
+
 class ServoLag:
     """Moves the servo angles.
 
