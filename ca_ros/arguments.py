@@ -8,7 +8,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
+
 from ca_ros.errors import message
+from ca_ros.settings import Numbers, ParameterError
 from ca_ros_cli import COMMANDS
 
 
@@ -80,24 +83,27 @@ def positive(kind: type[int] | type[float]) -> Callable[[str], Any]:
 
 def add_order(parser: argparse.ArgumentParser, about: str) -> None:
     """Add the option for the order of the motors of an autopilot; see `rotor_rows`."""
-    parser.add_argument('--order', default='', metavar='A,B,..', help=about)
+    parser.add_argument('--order', type=_numbers, default=[], metavar='A,B,..', help=about)
 
 
-def order_of(text: str) -> list[int]:
-    """Return the numbers in the text of `add_order`, 0 for what is none; empty without a text."""
-    words = text.split(',') if text else []
-    return [int(word) if word.strip().isdecimal() else 0 for word in words]
+def _numbers(text: str) -> list[int]:
+    """Return the numbers in a text, -1 for what is none."""
+    return [int(word) if word.strip().isdecimal() else -1 for word in text.split(',')]
 
 
-def rotor_rows(order: Sequence[int], n: int) -> list[int]:
-    """Return for each motor the rotor that it is, from 0; an empty order is that of the vehicle.
+def rotor_rows(order: Numbers, n: int, name: str = '--order') -> list[int]:
+    """Return for each motor the rotor that it is, from 0.
 
-    Raises a ValueError if the order has not each of the rotors 1 to n once.
+    Raises a ParameterError with the name of the option if there is not each of the rotors 1 to n
+    once.
+
+    `order`: the rotors, from 1; nothing, or 0 alone, is the order of the vehicle.
     """
-    rows = [rotor - 1 for rotor in order or range(1, n + 1)]
+    given = np.ravel(np.asarray(order, dtype=float)) - 1.0
+    rows = given.tolist() if given.size and given.tolist() != [-1.0] else [*range(n)]
     if sorted(rows) != list(range(n)):
-        raise ValueError(f'--order: expected each of the rotors 1 to {n} once')
-    return rows
+        raise ParameterError(f'{name}: expected each of the rotors 1 to {n} once')
+    return [int(row) for row in rows]
 
 
 def add_rotor_numbers(parser: argparse.ArgumentParser, coefficient: str) -> None:

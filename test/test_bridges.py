@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros import ParameterError, Vehicle
 from ca_ros.__main__ import main
-from ca_ros.px4 import frames, motor_order
+from ca_ros.arguments import rotor_rows
+from ca_ros.px4 import frames
 from ca_ros.vehicle.formats import gazebo
 from ca_ros.vehicle.formats.urdf import read_urdf
 from nodes import refused
@@ -57,11 +58,11 @@ def test_the_motor_models_of_the_x500_are_those_of_px4(tmp_path, capsys):
 
 
 def test_the_order_of_the_motors():
-    assert motor_order.order_of(0.0, 3) == []
-    assert motor_order.ordered(np.array([10.0, 20.0, 30.0]), [3, 1, 2]).tolist() == [30, 10, 20]
+    assert rotor_rows(0.0, 3) == rotor_rows([], 3) == [0, 1, 2]
+    assert rotor_rows([3.0, 1.0, 2.0], 3) == [2, 0, 1]
     for wrong in ([1, 2], [1, 2, 2], [0, 1, 2], [2.4, 3, 1], [0.4]):
         with pytest.raises(ParameterError, match=r'^px4\.order: expected each'):
-            motor_order.order_of(wrong, 3)
+            rotor_rows(wrong, 3, 'px4.order')
 
 
 @pytest.mark.parametrize('wrong', [

@@ -47,7 +47,7 @@ class Loop:
 
     def make_rules(self):
         settings = Px4Settings(interface=self.interface)
-        return Rules(MESSAGES, self.vehicle, settings, [], self, lambda: self.px4.time)
+        return Rules(MESSAGES, self.vehicle, settings, self, lambda: self.px4.time)
 
     def use(self, vehicle):
         """Use the health of a vehicle in controller and allocator."""
@@ -411,12 +411,12 @@ def test_old_messages_are_refused():
     for interface in ('mode', 'offboard'):
         words = r'OffboardControlMode without direct_actuator: expected .* 1\.15 or newer'
         with pytest.raises(ParameterError, match=words):
-            Rules(old, HEXAROTOR, Px4Settings(interface=interface), [], None)
+            Rules(old, HEXAROTOR, Px4Settings(interface=interface), None)
     del old.RegisterExtComponentRequest
     old.OffboardControlMode = MESSAGES.OffboardControlMode
     with pytest.raises(ParameterError, match='no RegisterExtComponentRequest'):
-        Rules(old, HEXAROTOR, Px4Settings(), [], None)
-    Rules(old, HEXAROTOR, Px4Settings(interface='offboard'), [], None)
+        Rules(old, HEXAROTOR, Px4Settings(), None)
+    Rules(old, HEXAROTOR, Px4Settings(interface='offboard'), None)
 
 
 def test_topics_have_the_version_of_their_message():
@@ -429,17 +429,17 @@ def test_topics_have_the_version_of_their_message():
     ('rov', 'rotors reverse'), ('tricopter', 'takes fixed rotors only')])
 def test_what_px4_cannot_have_is_refused(vehicle, words):
     with pytest.raises(ParameterError, match=words):
-        Rules(MESSAGES, Vehicle.load(vehicle), Px4Settings(), [], None)
+        Rules(MESSAGES, Vehicle.load(vehicle), Px4Settings(), None)
 
 
 def test_set_points_are_for_simulation():
     with pytest.raises(ParameterError, match=r'set px4\.simulation to true'):
-        Rules(MESSAGES, HEXAROTOR, Px4Settings(interface='setpoints'), [], None)
+        Rules(MESSAGES, HEXAROTOR, Px4Settings(interface='setpoints'), None)
     sent, wrenches = [], []
     host = SimpleNamespace(
         send=lambda *given: sent.append(given), pass_wrench=lambda *given: wrenches.append(given))
     settings = Px4Settings(interface='setpoints', simulation=True)
-    rules = Rules(MESSAGES, HEXAROTOR, settings, [], host)
+    rules = Rules(MESSAGES, HEXAROTOR, settings, host)
     torque = MESSAGES.VehicleTorqueSetpoint(timestamp_sample=5000)
     with pytest.raises(ValueError, match='a torque without a thrust'):
         rules.receive('vehicle_torque_setpoint', torque)

@@ -197,12 +197,15 @@ class Worst:
         return work
 
 
-def measure(firmware: Firmware, size: int, generations: int) -> tuple[Worst, Worst, Bounds]:
+def measure(
+    firmware: Firmware, size: int, generations: int, both: Worst | None = None
+) -> tuple[Worst, Worst, Bounds]:
     """Return the worst cases of the sample and of the search, and the greatest bounds of a fault.
 
-    Of the wrenches a fifth is for vehicles that have lost a rotor, if there are any.
+    Of the wrenches a fifth is for vehicles that have lost a rotor, if there are any.  `both` takes
+    the place of the two.
     """
-    sample, searched = Worst(), Worst()
+    sample, searched = both or Worst(), both or Worst()
     for fault, case in enumerate(firmware.faults):
         rng = np.random.default_rng(fault)
         others = len(firmware.faults) - 1
@@ -226,11 +229,4 @@ def measure(firmware: Firmware, size: int, generations: int) -> tuple[Worst, Wor
 
 def found(firmware: Firmware, size: int = SIZE, generations: int = GENERATIONS) -> Worst:
     """Return the worst of the sample and of the search together."""
-    one, other, _ = measure(firmware, size, generations)
-    both = Worst(inexact=one.inexact + other.inexact, count=one.count + other.count)
-    for name in ('steps', 'pivots'):
-        more = max(one, other, key=lambda each: getattr(each, name))
-        setattr(both, name, getattr(more, name))
-        if name in more.calls:
-            both.calls[name] = more.calls[name]
-    return both
+    return measure(firmware, size, generations, Worst())[0]

@@ -24,7 +24,6 @@ from ca_ros.nodes.stream import Streams
 from ca_ros.parameter_files import Px4NodeSettings
 from ca_ros.px4.frames import State
 from ca_ros.px4.messages import topic
-from ca_ros.px4.motor_order import order_of
 from ca_ros.px4.rules import Rules
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -59,8 +58,7 @@ class Px4Bridge(Node):
         super().__init__(node_name, **kwargs)
         self.settings = settings = Parameters(self, self.declared).settings
         vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors, settings.allocation)
-        order = order_of(settings.px4.order, vehicle.n)
-        self.rules = rules = Rules(msg, vehicle, settings.px4, order, self)
+        self.rules = rules = Rules(msg, vehicle, settings.px4, self)
         self._diagnostics = Diagnostics(self, 'px4', str(settings.vehicle.name))
         self._counts = self._diagnostics.counts
         self._streams = Streams(self, RealTime(), self._diagnostics.drop, self._counts)

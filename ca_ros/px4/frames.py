@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ca_ros.arguments import rotor_rows
 from ca_ros.arrays import Array
-from ca_ros.px4.motor_order import ordered
+from ca_ros.settings import Numbers
 from ca_ros.vehicle.command_bounds import CommandBounds
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.state import rotation_matrix
@@ -133,16 +134,16 @@ class Motors:
     PX4's output x follows from the control c that it is sent by c = F x^2 + (1 - F) x, with its
     parameter F = THR_MDL_FAC, so PX4 models thrust as this function of x.
 
-    - `order` (n,): as in `ordered`
+    - `order`: for each motor the rotor that it is, see `rotor_rows`
     - `output` ('thrust' or 'throttle'): the control is the share of the greatest thrust, for which
       PX4 finds the output; or the c whose x is the throttle of the vehicle's thrust curve
     - `thrust_factor`: THR_MDL_FAC as it is set in PX4, for 'throttle'
     """
 
     def __init__(
-        self, vehicle: Vehicle, order: Sequence[int], output: str, thrust_factor: float
+        self, vehicle: Vehicle, order: Numbers, output: str, thrust_factor: float
     ) -> None:
-        self._vehicle, self._order = vehicle, order
+        self._vehicle, self._rows = vehicle, rotor_rows(order, vehicle.n, 'px4.order')
         self._thrusts, self._factor = output == 'thrust', thrust_factor
         # The allocator rounds within the bounds: see `Vehicle.speeds`.
         self._bounds = CommandBounds(vehicle, rounding=0.0)
@@ -169,5 +170,5 @@ class Motors:
         if not self._thrusts:
             found = to_thrust(vehicle.throttles(speeds), self._factor)
         control: Any = np.full(CONTROLS, np.nan, dtype=np.float32)
-        control[: vehicle.n] = ordered(np.where(speeds == 0.0, np.nan, found), self._order)
+        control[: vehicle.n] = np.where(speeds == 0.0, np.nan, found)[self._rows]
         return control, force.astype(np.float32)

@@ -32,7 +32,6 @@ from ca_ros.arguments import (
     add_rotor_numbers,
     command,
     finite,
-    order_of,
     rotor_rows,
 )
 from ca_ros.input_files import read_text
@@ -331,7 +330,7 @@ def run(options: argparse.Namespace) -> None:
         for cause in diagnose(Vehicle.from_parameters(flatten(content['ros__parameters']))):
             print(f'ca_ros px4-parameters: warning: {cause.text}', file=sys.stderr)
         return
-    written = to_px4(Vehicle.load(options.vehicle), order_of(options.order))
+    written = to_px4(Vehicle.load(options.vehicle), options.order)
     print(text(written, options.style))
 
 

@@ -16,7 +16,7 @@ Messages are made and read by their names and fields.  The class needs neither r
 """
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import inf
 from random import getrandbits
 from time import monotonic
@@ -80,7 +80,6 @@ class Rules:
     px4_msgs lacks a message or a field.
 
     - `messages`: the classes of the messages by name, such as the module ``px4_msgs.msg``
-    - `order`: as in `ca_ros.px4.motor_order.ordered`
     - `clock`: a steady time [s]
     - `sent`, `heard`: the classes of the messages by the name of their topic
     - `ours`: whether PX4 leaves the motors to this side
@@ -88,8 +87,8 @@ class Rules:
     """
 
     def __init__(
-        self, messages: Any, vehicle: Vehicle, settings: Px4Settings, order: Sequence[int],
-        host: Host, clock: Callable[[], float] = monotonic,
+        self, messages: Any, vehicle: Vehicle, settings: Px4Settings, host: Host,
+        clock: Callable[[], float] = monotonic,
     ) -> None:
         self._interface = interface = settings.interface
         if interface == 'setpoints' and not settings.simulation:
@@ -101,7 +100,8 @@ class Rules:
         check_messages(messages, interface)
         self._units = frames.units(vehicle) if interface == 'setpoints' else np.zeros(6)
         self._messages, self._host, self._clock = messages, host, clock
-        self._motors = frames.Motors(vehicle, order, settings.output, settings.thrust_factor)
+        given = settings.order, settings.output, settings.thrust_factor
+        self._motors = frames.Motors(vehicle, *given)
         self.sent = {
             name: getattr(messages, kind) for name, (kind, _) in SENT[interface].items()
         }

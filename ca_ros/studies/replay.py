@@ -39,9 +39,7 @@ def run(options: argparse.Namespace) -> None:
     from ca_ros.vehicle.identification import speeds_of
 
     vehicle = Vehicle.load(options.vehicle)
-    given = read_file(options.vehicle)
-    ours = {name: value for name, value in given.items() if name.startswith('detector.')}
-    settings = read(DetectorSettings, ours, 'detector.')
+    settings = read(DetectorSettings, read_file(options.vehicle), 'detector.')
     losses = [_loss(text, vehicle.n) for text in options.inject]
     recording = speeds_of(
         vehicle, read_recording(options.flight, vehicle.n, options.frame), options.throttle)

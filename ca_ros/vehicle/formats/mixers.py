@@ -20,7 +20,7 @@ from functools import partial
 
 import numpy as np
 
-from ca_ros.arguments import add_order, command, order_of, rotor_rows
+from ca_ros.arguments import add_order, command, rotor_rows
 from ca_ros.arrays import Array
 from ca_ros.vehicle.effectiveness import control_allocation_matrix
 from ca_ros.vehicle.settings import AXES
@@ -115,7 +115,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Print the mixer."""
-    print(STYLES[options.style](Vehicle.load(options.vehicle), order_of(options.order)))
+    print(STYLES[options.style](Vehicle.load(options.vehicle), options.order))
 
 
 main = partial(command, 'mixer', add_options, run)
