@@ -36,6 +36,7 @@ OUTPUTS = {
     'allocator': (Float64MultiArray, 'command/motor_speed'),
     'simulator': (TwistStamped, 'local_position/velocity_body'),
     'controller': (WrenchStamped, 'command/wrench')}
+HEALTH = dict.fromkeys(('allocator', 'controller'), (Float64MultiArray, 'rotor_health'))
 HOVER, BEYOND = 9.81, 1e3
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -178,6 +179,7 @@ def test_a_second_publisher_is_said_until_it_goes(nodes, topics):
 
 @pytest.mark.parametrize(('make', 'topics', 'words', 'kinds'), [
     (best_effort, STREAMS, 'offers another quality of service: ', SUBJECTS),
+    (best_effort, HEALTH, 'offers another quality of service: ', HEALTH),
     (another_type, STREAMS, 'offers another type', ['allocator']),
     (transient_local, OUTPUTS, 'asks for another quality of service: ', SUBJECTS)])
 def test_an_end_that_does_not_match_is_said(nodes, make, topics, words, kinds):

@@ -84,11 +84,11 @@ class ProblemBelief(Belief):
 
     def subscribe(self, streams: Streams, answer: Callable[[], None]) -> None:
         """Subscribe to matrix and health."""
-        create = self._node.create_subscription
-        create(Float64MultiArray, topics.EFFECTIVENESS, self._receive_matrix, topics.STANDING)
+        kind, listen = Float64MultiArray, streams.listen
+        listen(kind, topics.EFFECTIVENESS, self._receive_matrix, topics.STANDING)
         receive = partial(self._receive_announcement, name=topics.EFFECTOR_HEALTH)
         quality = topics.standing(self._parameters.mode.name)
-        create(Float64MultiArray, topics.EFFECTOR_HEALTH, receive, quality)
+        listen(kind, topics.EFFECTOR_HEALTH, receive, quality)
 
     def values(self) -> Mapping[str, object]:
         """Return what is in force, for the diagnostics."""

@@ -80,7 +80,8 @@ class AllocatorNode(Node):
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
         self.belief.subscribe(self.streams, self._serve_held)
         self._offer()
-        self.streams.subscribe(topics.WRENCH, self._serve, messages.read_wrench)
+        serve = self._serve if self._mode.clocked else self._serve_in_lockstep
+        self.streams.subscribe(topics.WRENCH, serve, messages.read_wrench)
         self.diagnostics.start(
             self._levels, self._values, self.streams, self.watchdog.watch, self._cuts.update,
             log=self.belief.log)
@@ -210,28 +211,28 @@ class AllocatorNode(Node):
         if held is not None:
             self._serve(held)
 
-    def _serve(self, command: WrenchCommand) -> None:
-        time, mode = command.time, self._mode
-        if self.belief.waits(time):
+    def _serve_in_lockstep(self, command: WrenchCommand) -> None:
+        """Serve a wrench, or hold it until the health with its stamp comes."""
+        if self.belief.waits(command.time):
             self._held = command
-            return
-        began = perf_counter_ns()
+        else:
+            self._serve(command)
+
+    def _serve(self, command: WrenchCommand) -> None:
+        began, time, mode = perf_counter_ns(), command.time, self._mode
         self._counts['received'] += 1
         if fault := self._fault(command, time):
             self.diagnostics.drop(*fault)
             return
-        mode.advance(time)
-        effectors = self._effectors
-        if known := mode.recall(time, command, effectors):
-            answer, found = known
-            self._publish(found, time)
-            for key in 'served', answer.status.name.lower():
-                self._counts[key] += 1
-            self._report(command, answer)
+        if not mode.clocked and self._serves_again(command, time):
             return
+        effectors, wrench = self._effectors, command.wrench
+        # Without a stamp a wrench counts from its arrival.
+        moment = time if time or not mode.clocked else self.get_clock().now().nanoseconds
         try:
-            moment = mode.moment(time, self.get_clock())
-            answer = self._allocate(command, moment)
+            u = [wrench[row] for row in effectors.rows]
+            last, elapsed = mode.previous(self._last, moment, effectors.idle)
+            answer = effectors.within_rates.allocate(u, last, elapsed, 0)
             if not isinstance(answer, Allocation) or answer.thrusts.dtype.kind not in 'iuf':
                 raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
             status = Status(answer.status)
@@ -250,7 +251,8 @@ class AllocatorNode(Node):
             self.watchdog.feed()
             self._last, self._newest = found, time
             mode.commanded(moment)
-            mode.remember(command, effectors, (answer, found))
+            if not mode.clocked:
+                mode.remember(command, effectors, (answer, found))
             self._counts['served'] += 1
             self._latencies.append(perf_counter_ns() - began)
         if status is not Status.EXACT:
@@ -258,12 +260,17 @@ class AllocatorNode(Node):
         self._counts[status.name.lower()] += 1
         self._report(command, answer)
 
-    def _allocate(self, command: WrenchCommand, moment: int) -> Allocation:
-        """Return the answer to a wrench, within what the rotors reach since the one before."""
-        effectors, wrench = self._effectors, command.wrench
-        u = [wrench[row] for row in effectors.rows]
-        last, elapsed = self._mode.previous(self._last, moment, effectors.idle)
-        return effectors.within_rates.allocate(u, last, elapsed, 0)
+    def _serves_again(self, command: WrenchCommand, time: int) -> bool:
+        """Come to the time of a wrench [ns]; tell whether it is a copy, and answer that again."""
+        self._mode.advance(time)
+        known = self._mode.recall(time, command, self._effectors)
+        if known:
+            answer, found = known
+            self._publish(found, time)
+            for key in 'served', answer.status.name.lower():
+                self._counts[key] += 1
+            self._report(command, answer)
+        return known is not None
 
     def _refuse(self, why: str) -> None:
         """Leave the rotors to the watchdog, from the first command on."""

@@ -75,9 +75,9 @@ class Belief:
         `answer` is called after each sound message of the monitor, for what waited for it.
         """
         self._answer = answer
-        create, topic = self._node.create_subscription, topics.ROTOR_HEALTH
-        create(topic.kind, topic.name, self._receive_health, STANDING)
-        self.subscribe_announcements()
+        topic = topics.ROTOR_HEALTH
+        streams.listen(topic.kind, topic.name, self._receive_health, STANDING)
+        self.subscribe_announcements(streams)
         if not np.any(self._parameters.settings.rotors.speed_max_per_volt):
             return
         try:
@@ -89,11 +89,10 @@ class Belief:
             return
         streams.listen(BatteryState, topics.BATTERY, self._receive_battery)
 
-    def subscribe_announcements(self) -> None:
+    def subscribe_announcements(self, streams: Streams) -> None:
         """Subscribe to what is announced."""
         topic, quality = topics.ANNOUNCED_HEALTH, standing(self._parameters.mode.name)
-        self._node.create_subscription(
-            topic.kind, topic.name, self._receive_announcement, quality)
+        streams.listen(topic.kind, topic.name, self._receive_announcement, quality)
 
     def waits(self, time: int) -> bool:
         """Return whether the health for a state [ns] has still to come."""

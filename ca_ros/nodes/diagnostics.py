@@ -1,7 +1,7 @@
 """The diagnostics of a node on /diagnostics (REP 107), and faults of the endpoints of streams."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from math import inf
 from time import monotonic
 
@@ -13,7 +13,7 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ca_ros.nodes.stream import STEADY, TICK, Streams
+from ca_ros.nodes.stream import NO_EVENTS, STEADY, TICK, Streams
 from ca_ros.nodes.topics import COMMAND, DIAGNOSTICS, type_name
 
 OK, WARN, ERROR, STALE = (
@@ -30,7 +30,8 @@ class DiagnosticsPublisher:
 
     def __init__(self, node: Node, hardware_id: str) -> None:
         self._node, self._hardware_id = node, hardware_id
-        self._publisher = node.create_publisher(DIAGNOSTICS.kind, DIAGNOSTICS.name, COMMAND)
+        self._publisher = node.create_publisher(
+            DIAGNOSTICS.kind, DIAGNOSTICS.name, COMMAND, event_callbacks=NO_EVENTS)
 
     def publish(self, *statuses: tuple[str, bytes, str, Mapping[str, object]]) -> None:
         """Publish statuses: subject, such as ``allocation``, level, message and values of each."""
@@ -132,7 +133,7 @@ class Diagnostics:
     def _look_around(self) -> None:
         """Report faults of endpoints, and how many messages were dropped since the last look."""
         streams = self._streams
-        found = endpoint_faults(self._node, streams.subscriptions, streams.publishers)
+        found = endpoint_faults(self._node, streams)
         notes = [(WARN, fault) for fault in found]
         for note in notes:
             if note not in self._notes:
@@ -145,24 +146,22 @@ class Diagnostics:
         self._publish()
 
 
-def endpoint_faults(
-    node: Node, streams: Collection[Subscription], offers: Collection[Publisher]
-) -> list[str]:
+def endpoint_faults(node: Node, streams: Streams) -> list[str]:
     """Return what is wrong with the endpoints on a node's topics, one sentence each.
 
-    `streams` should have one publisher each; `offers` should be the only ones on their topics.
+    Its streams should have one publisher each, and it should be the only one of what it publishes.
     """
     sentences = []
-    for stream in streams:
+    for stream in (*streams.subscriptions, *streams.listened):
         topic = stream.topic_name
-        if (matched := stream.get_publisher_count()) > 1:
+        if stream in streams.subscriptions and (matched := stream.get_publisher_count()) > 1:
             sentences.append(f'{matched} publishers on {topic}')
         for other in node.get_publishers_info_by_topic(topic):
             if fault := mismatch(other, stream, other.qos_profile, stream.qos_profile):
                 sentences.append(f'a publisher on {topic} offers another {fault}')
     for publisher in node.publishers:
         topic = publisher.topic_name
-        if publisher in offers and (count := node.count_publishers(topic)) > 1:
+        if publisher in streams.publishers and (count := node.count_publishers(topic)) > 1:
             sentences.append(f'{count} publishers on {topic}')
         for other in node.get_subscriptions_info_by_topic(topic):
             if fault := mismatch(other, publisher, publisher.qos_profile, other.qos_profile):

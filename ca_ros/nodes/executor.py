@@ -27,8 +27,9 @@ class Executor(executors.Executor):
     longer than the callback of a command.  Its EventsExecutor queues an event for each message,
     also for messages that newer ones have replaced, and needs minutes to recover from a flood.
 
-    Coroutines and the guard conditions of nodes are not served: a callback is a function, and the
-    done callbacks of futures are called at once.  The nodes are by default in the global context.
+    Coroutines and the guard conditions of nodes are not served: a callback is a function that does
+    not spin, and the done callbacks of futures are called at once.  The nodes are by default in
+    the global context.
     """
 
     def __init__(self, *, context: Context | None = None) -> None:
@@ -83,11 +84,10 @@ class Executor(executors.Executor):
         wait_set.wait(timeout_sec_to_nsec(timeout_sec))
         ready = wait_set.is_ready
         self._changed |= ready('guard_condition', 0)
-        subscriptions = [s for i, s in enumerate(self._subscriptions) if ready('subscription', i)]
-        services = [service for i, service in enumerate(services) if ready('service', i)]
-        clients = [client for i, client in enumerate(clients) if ready('client', i)]
-        waitables = [waitable for waitable in waitables if waitable.is_ready(wait_set)]
-        for node, subscription in subscriptions:
+        # A message does not wait until all others have been asked whether they are ready.
+        for i, (node, subscription) in enumerate(self._subscriptions):
+            if not ready('subscription', i):
+                continue
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
             if taken is not None and self._convertible(node, taken[0]):
                 subscription.callback(*taken if takes_info(subscription) else taken[:1])
@@ -96,13 +96,16 @@ class Executor(executors.Executor):
                 timer.handle.call_timer()
                 timer.callback()
         for waitable in waitables:
-            task = Task(waitable.execute, (waitable.take_data(),), executor=self)
-            task()
-            task.result()
-        for node, service in services:
-            self._answer(node, service)
-        for client in clients:
-            _take_answer(client)
+            if waitable.is_ready(wait_set):
+                task = Task(waitable.execute, (waitable.take_data(),), executor=self)
+                task()
+                task.result()
+        for i, (node, service) in enumerate(services):
+            if ready('service', i):
+                self._answer(node, service)
+        for i, client in enumerate(clients):
+            if ready('client', i):
+                _take_answer(client)
 
     def _answer(self, node: Node, service: Any) -> None:
         """Answer a request to a service of a node."""

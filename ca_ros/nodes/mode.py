@@ -8,7 +8,6 @@ from time import monotonic_ns
 from typing import Any
 
 import numpy as np
-from rclpy.clock import Clock
 
 from ca_ros.allocation.rates import PERIOD_MAX
 from ca_ros.arrays import Array
@@ -55,10 +54,6 @@ class RealTime:
 
     def remember(self, question: Hashable, by: object, answer: Any) -> None:
         """Note the answer to a question, and who gave it."""
-
-    def moment(self, stamp: int, clock: Clock) -> int:
-        """Return when a wrench counts as commanded [ns]: without a stamp, when it arrives."""
-        return stamp or clock.now().nanoseconds
 
     def previous(self, last: Array, moment: int, idle: Array) -> tuple[Array, int]:
         """Return the command before a moment [ns], and the time since then [ns].
@@ -145,10 +140,6 @@ class Lockstep(RealTime):
         self._answers[question] = by, answer
         if len(self._answers) > REMEMBERED:
             del self._answers[next(iter(self._answers))]
-
-    def moment(self, stamp: int, clock: Clock) -> int:
-        """Return the stamp, that of the state that a wrench answers [ns]."""
-        return stamp
 
     def previous(self, last: Array, moment: int, idle: Array) -> tuple[Array, int]:
         """Return the command before a moment [ns], and the time since then [ns].

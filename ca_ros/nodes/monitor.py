@@ -68,7 +68,7 @@ class MonitorNode(Node):
             topic.kind, topic.name, standing(self._mode.name), event_callbacks=NO_EVENTS)
         self.streams.subscribe_commands(self._receive_command, len(self.detector.vehicle.servos))
         # Subscriptions are served in this order, so a restart comes before its state.
-        self.belief.subscribe_announcements()
+        self.belief.subscribe_announcements(self.streams)
         restart = topics.STATE_RESTART
         self.create_subscription(restart.kind, restart.name, self._receive_restart, COMMAND)
         self.streams.subscribe(topics.POSE, self._receive_pose)

@@ -12,6 +12,7 @@ from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
@@ -31,7 +32,7 @@ STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 TICK = 0.02  # period of the checks of watchdogs and of the timeout action [s]
 
 NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
-"""Each event handler costs a microsecond a command; `endpoint_faults` replaces rclpy's."""
+"""Each event handler costs two microseconds a command; `endpoint_faults` replaces rclpy's."""
 
 SETTLING = 0.05  # time after a stall until the middleware has handed over all that came [s]
 
@@ -53,6 +54,7 @@ class Streams:
         self._node, self._mode, self._drop, self._counts = node, mode, drop, counts
         self._looked, self._settled = inf, 0.0
         self.subscriptions: list[Subscription] = []
+        self.listened: list[Subscription] = []
         self.publishers: list[Publisher] = []
 
     def note_stall(self) -> None:
@@ -79,9 +81,14 @@ class Streams:
         self.publishers.append(publisher)
         return publisher
 
-    def listen(self, kind: type[Any], name: str, receive: Callable[[Any], None]) -> None:
-        """Subscribe to the newest messages of a topic, without the checks of a stream."""
-        self._node.create_subscription(kind, name, receive, requested('realtime'))
+    def listen(
+        self, kind: type[Any], name: str, receive: Callable[[Any], None],
+        quality: QoSProfile | None = None,
+    ) -> None:
+        """Subscribe to a topic that is no stream; by default to its newest messages."""
+        events = SubscriptionEventCallbacks(use_default_callbacks=False)
+        given = kind, name, receive, quality or requested('realtime')
+        self.listened.append(self._node.create_subscription(*given, event_callbacks=events))
 
     def subscribe_commands(self, receive: Callable[..., None], servos: int) -> None:
         """Subscribe to rotor speeds; if there are servos, to speeds and angles by stamp."""

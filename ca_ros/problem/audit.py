@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, overload
+from typing import Any, ClassVar, overload
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ca_ros.problem.controllability import (
 from ca_ros.problem.diagnosis import Cause, diagnose
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem, problem_of, vehicle_of
-from ca_ros.settings import ParameterError, read
+from ca_ros.settings import ParameterError
 from ca_ros.solver.zonotope import facet_normals
 from ca_ros.vehicle.settings import AxesSettings
 from ca_ros.vehicle.vehicle import Vehicle
@@ -361,8 +361,8 @@ def accept(subject: Vehicle | AllocationProblem, lost_axes: str | None = None) -
     `lost_axes` ('refuse' or 'drop'): 'drop' refuses none: lost axes are given up.  The default for
     a vehicle is its `lost_axes`, the parameter ``allocation.lost_axes`` of its file.
     """
-    choice = subject.lost_axes if lost_axes is None else lost_axes
-    read(AxesSettings, {'lost_axes': choice})
+    choice: Any = subject.lost_axes if lost_axes is None else lost_axes
+    AxesSettings(lost_axes=choice)
     report = audit(subject)
     if choice == 'refuse' and not report.sound:
         without = f'without {", ".join(report.lost)}' if report.lost else 'as it is'

@@ -89,14 +89,7 @@ def reference_margin(problem: AllocationProblem) -> float:
 
 def independent_part(problem: Part) -> Part:
     """Return the problem without the axes that the effectors cannot control independently."""
-    rows = dict(zip(problem.axes, unit_rows(problem), strict=True))
-
-    def independent(axes: Axes) -> bool:
-        distances = _distances(np.array([rows[axis] for axis in axes]))
-        return distances is not None and bool(distances.min() >= INDEPENDENCE_MIN)
-
-    axes = _give_up(problem.axes, independent)
-    return problem if axes == problem.axes else problem.part(axes)
+    return _part(problem, lambda part: part.independence >= INDEPENDENCE_MIN)
 
 
 def holding_part(problem: Part) -> Part:
@@ -104,19 +97,22 @@ def holding_part(problem: Part) -> Part:
 
     It is unchanged if no choice of axes allows it.
     """
+    # No choice of axes lifts what the thrust alone does not.
+    if problem.reference_inside or (
+            'thrust' in problem.axes and not problem.part(('thrust',)).reference_inside):
+        return problem
+    found = _part(problem, lambda part: part.reference_inside)
+    return found if found.reference_inside else problem
+
+
+def _part(problem: Part, good: Callable[[Part], bool]) -> Part:
+    """Return the problem without the axes that are given up until it is good."""
 
     @cache
     def part(axes: Axes) -> Part:
         return problem if axes == problem.axes else problem.part(axes)
 
-    def holds(axes: Axes) -> bool:
-        return part(axes).reference_inside
-
-    # No choice of axes lifts what the thrust alone does not.
-    if problem.reference_inside or ('thrust' in problem.axes and not holds(('thrust',))):
-        return problem
-    found = part(_give_up(problem.axes, holds))
-    return found if found.reference_inside else problem
+    return part(_give_up(problem.axes, lambda axes: good(part(axes))))
 
 
 def _give_up(axes: Axes, good: Callable[[Axes], bool]) -> Axes:

@@ -365,6 +365,19 @@ class AllocationProblem:
             return False
         return self.reference_central or self.reach(begin, way, 2.0) > beyond
 
+    @property
+    def independence(self) -> float:
+        """The least sine of the angle between an axis and the span of the others; 0 if dependent.
+
+        An axis is its row of the matrix, with columns weighted by the ranges of the effectors.
+        """
+        if self._decomposition is None:
+            return 0.0
+        _, left, singular, _ = self._decomposition
+        # The columns of the pseudo-inverse have the inverse of the distance as length.
+        rows, inverse = np.square(left * singular), np.square(left / singular)
+        return float((rows.sum(axis=1) * inverse.sum(axis=1)).max() ** -0.5)
+
     @cached_property
     def reference_central(self) -> bool:
         """Whether the reference is for sure at most `INSIDE` of the way to the boundary.
@@ -374,8 +387,7 @@ class AllocationProblem:
         if self._decomposition is None:
             return False
         # Singular values are greater than 1e-9, so rounding changes less than 1e-3 of the way.
-        left, singular, right = self._decomposition
-        sizes = np.abs(self.gamma * self.half_range).sum(axis=1)
+        sizes, left, singular, right = self._decomposition
         way = (self.reference - self.gamma @ self.middle) / INSIDE
         thrusts = self.middle + self.half_range * ((way / sizes @ left / singular) @ right)
         return bool((self.clip(thrusts) == thrusts).all())
@@ -445,7 +457,7 @@ class AllocationProblem:
         return self._decomposition is not None
 
     @cached_property
-    def _decomposition(self) -> tuple[Array, Array, Array] | None:
+    def _decomposition(self) -> tuple[Array, Array, Array, Array] | None:
         return decomposition(self.gamma * self.half_range)
 
     def check_volume(self) -> None:

@@ -155,16 +155,18 @@ class Zonotope:
         return centers[chosen] + np.einsum('sij,sj->si', tiles[chosen], shares)
 
 
-def decomposition(generators: Array) -> tuple[Array, Array, Array] | None:
-    """Return the singular value decomposition of generators (m, n), each row over its extent.
+def decomposition(generators: Array) -> tuple[Array, Array, Array, Array] | None:
+    """Return the extent (m,) of generators (m, n), and the decomposition of each row over it.
 
-    It is None if they do not span their space by more than rounding.
+    That is the singular value decomposition; None if they do not span their space by more than
+    rounding.
     """
     extent = np.abs(generators).sum(axis=1)
     if not (extent > 0.0).all():
         return None
     left, singular, right = np.linalg.svd(generators / extent[:, None], full_matrices=False)
-    return (left, singular, right) if (singular > SPANNING_MIN).sum() == len(generators) else None
+    spanned = len(singular) == len(generators) and singular[-1] > SPANNING_MIN
+    return (extent, left, singular, right) if spanned else None
 
 
 def facet_normals(generators: Array) -> Array:
