@@ -202,6 +202,28 @@ def test_in_lockstep_each_wrench_gets_the_answer_of_the_health_with_its_stamp(
             np.testing.assert_array_equal(each.data, expected)
 
 
+def test_in_lockstep_health_that_comes_again_gets_the_answer_again(graph, tmp_path):
+    """Its giver has not got it; without an answer there is none to give."""
+    flown = Flown(
+        graph, tmp_path, 'hexarotor', '--ros-args', '-p', 'mode:=lockstep', '-p',
+        'await_health:=true')
+    told = speeds_message(np.ones(flown.n), 0, 'rotor health')
+    flown.health.publish(told)
+    flown.health.publish(told)
+    flown.parameters.get('mode')
+    assert flown.speeds == []
+    asked = wrench(flown.demand, 0, 'base_link')
+    graph.spin_until(
+        lambda: flown.speeds, 'an answer', repeat=lambda: flown.command.publish(asked))
+    flown.parameters.get('mode')
+    before = len(flown.speeds)
+    flown.health.publish(told)
+    graph.spin_until(lambda: len(flown.speeds) > before, 'the answer again')
+    first, *_, last = flown.speeds
+    assert first == last
+    assert last.layout.dim[1].label == 'stamp 0'
+
+
 @pytest.mark.parametrize('vehicle', length(['hexarotor_tilting'], SHIPPED))
 def test_the_first_command_after_a_message_of_health_obeys_it_soon(
         graph, tmp_path, vehicle, record_property):

@@ -9,7 +9,7 @@ from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
 from ca_ros.control.waypoint import Waypoint
-from ca_ros.nodes.messages import speeds_message, stamp
+from ca_ros.nodes.messages import speeds_message, speeds_stamp, stamp
 from ca_ros.nodes.topics import STANDING
 from ca_ros.simulation.closed_loop import fly
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
@@ -140,6 +140,26 @@ class Vehicle:
         self.command.publish(speeds_message(np.full(6, 250.0), self.time))
         self.measured.publish(speeds_message(250.0 * np.array(turning), self.time))
         return bool(self.reports) and condition(list(self.reports[-1].data))
+
+
+def test_in_lockstep_the_monitor_asks_again_for_a_command_that_it_has_not_got(graph):
+    """The allocator's first command may be sent before the two know of each other."""
+    graph.start('monitor', '--vehicle', 'hexarotor', '--ros-args', '-p', 'mode:=lockstep')
+    graph.connect('monitor')
+    vehicle = Vehicle(graph)
+
+    def told():
+        return [speeds_stamp(report) for report in vehicle.reports]
+
+    graph.spin_until(lambda: 0 in told(), 'the first state', repeat=lambda: vehicle.state(w=1.0))
+    vehicle.sent = 1
+    vehicle.state(w=1.0)
+    before = len(told())
+    graph.spin_until(
+        lambda: 0 in told()[before:], 'its health again', repeat=lambda: vehicle.state(w=1.0))
+    assert 10_000_000 not in told()
+    vehicle.command.publish(speeds_message(np.full(6, 250.0), 0))
+    graph.spin_until(lambda: told()[-1] == 10_000_000, 'the health of the next state')
 
 
 def test_no_message_ends_or_blinds_the_monitor(graph):

@@ -72,7 +72,7 @@ class AllocatorNode(Node):
         self.belief = self.belief_type(
             self, self.parameters, self.diagnostics, self._make, self._use)
         self._use()
-        self._newest = 0
+        self._newest = -1
         self._last: Array = self._effectors.idle
         self.watchdog = CommandWatch(
             self, self.parameters, self.diagnostics, fall_back=self._fall_back,
@@ -207,9 +207,12 @@ class AllocatorNode(Node):
             self._speeds.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED_MAX))
 
     def _serve_held(self) -> None:
+        """Serve what waited for the health; the monitor gets again the command that it lacks."""
         held, self._held = self._held, None
         if held is not None:
             self._serve(held)
+        elif self.belief.lacks_answer(self._newest):
+            self._publish(self._last, self._newest)
 
     def _serve_in_lockstep(self, command: WrenchCommand) -> None:
         """Serve a wrench, or hold it until the health with its stamp comes."""

@@ -98,6 +98,10 @@ class Belief:
         """Return whether the health for a state [ns] has still to come."""
         return self._parameters.mode.waits(time, self._health_time)
 
+    def lacks_answer(self, time: int) -> bool:
+        """Return whether the monitor has said again that it lacks the answer to a state [ns]."""
+        return self._parameters.mode.lacks_answer(time, self._health_time)
+
     def log(self) -> None:
         """Log what has changed since the last call: not while a command waits."""
         for name, reported in self.current.reported.items():

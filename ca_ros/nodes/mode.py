@@ -48,6 +48,10 @@ class RealTime:
         """Return whether a state [ns] waits for the health with its stamp; the newest has one."""
         return False
 
+    def lacks_answer(self, time: int, health: int) -> bool:
+        """Return whether this health says that its giver lacks the answer to a state [ns]."""
+        return False
+
     def recall(self, time: int, question: Hashable, by: object) -> Any:
         """Return the answer to a question that came before at a time [ns], else None."""
         return None
@@ -123,6 +127,13 @@ class Lockstep(RealTime):
     def waits(self, time: int, health: int) -> bool:
         """Return whether a state [ns] waits for the health with its stamp; the newest has one."""
         return self._await_health and health < time
+
+    def lacks_answer(self, time: int, health: int) -> bool:
+        """Return whether this health says that its giver lacks the answer to a state [ns].
+
+        An answered state has had its health: that comes once more only while the answer is missed.
+        """
+        return self._await_health and 0 <= health == time
 
     def recall(self, time: int, question: Hashable, by: object) -> Any:
         """Return the answer to a question that came before at a time [ns], else None.

@@ -53,6 +53,7 @@ class MonitorNode(Node):
         self._velocity: TwistStamped | None = None
         self._observed: int | None = None
         self._commanded: int | None = None
+        self._ahead: int | None = None
         self._settled = 0
         self._published: object = None
         self.diagnostics = Diagnostics(self, 'detection', str(settings.vehicle.name))
@@ -198,6 +199,10 @@ class MonitorNode(Node):
         if each and self._observed is not None and self._commanded != self._observed:
             # The command that answers the state before is still to come.
             if time > self._observed:
+                if time == self._ahead:
+                    # Its sender may not have known of this node yet: this asks for it again.
+                    self._publish(self._observed)
+                self._ahead = time
                 return
             self._counts['restarts'] += 1
         _, attitude = messages.pose_arrays(pose)
