@@ -244,10 +244,28 @@ def test_scale_begins_at_the_middle_if_the_reference_is_a_corner():
     line = problem.program.least_norm.line(np.zeros(2), u, 1.0)
     assert line.length == pytest.approx(0.0, abs=1e-6)
     answer = make_allocator('exact', problem, policy='scale').allocate(u)
-    way, served = u - problem.center, answer.wrench - problem.center
+    inner = AdmissibleSet(problem).center
+    way, served = u - inner, answer.wrench - inner
     assert way[0] * served[1] == pytest.approx(way[1] * served[0], abs=1e-9)
     assert served @ way > 0.0
     assert answer.wrench[1] == pytest.approx(np.tan(0.5) * answer.wrench[0], abs=1e-8)
+
+
+@pytest.mark.parametrize('seed', range(length(20, 200)))
+def test_scale_begins_at_an_attainable_wrench_and_stays_on_its_line(seed):
+    """The middles of the ranges of the axes may be outside of the set together."""
+    rng = seeded(seed)
+    sets = [Sector(rng.uniform(0.1, 1.5), rng.uniform(0.5, 9.0), 3) for _ in range(2)]
+    problem = AllocationProblem(rng.normal(size=(5, 6)), sets=sets)
+    exact = make_allocator('exact', problem, policy='scale', residual_slack=0.0)
+    begin = AdmissibleSet(exact.problem).reference
+    assert exact.allocate(begin).status.name == 'EXACT'
+    for u in begin + rng.normal(size=(10, 5)) * exact.problem.extent:
+        answer, way = exact.allocate(u), u - begin
+        share = (answer.wrench - begin) @ way / (way @ way)
+        np.testing.assert_allclose(answer.wrench, begin + share * way, rtol=0.0, atol=1e-9)
+        if answer.status.name == 'SCALED':
+            assert exact.allocate(begin + (share + 2e-9) * way).status.name != 'EXACT'
 
 
 @pytest.mark.parametrize('name', PROBLEMS)

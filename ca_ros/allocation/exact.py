@@ -18,6 +18,7 @@ from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.allocation.sets_backend import SetsKernel, SetsNumpy
 from ca_ros.arrays import Array, floats
 from ca_ros.kernel import INVALID, chosen, warn_if_missing
+from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.audit import Audit
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.solver.convex_sets import Box
@@ -152,9 +153,9 @@ class Exact(Allocator):
             rows = [report.full.axes.index(axis) for axis in problem.axes]
             settings = replace(settings, scale_reference=full[rows])
             if report.full.failed and problem.has_volume:
-                way = full[rows] - problem.center
+                inner = AdmissibleSet(problem).center
                 # What the failures leave may not reach it: the default takes its place.
-                if problem.reach(problem.center, way, 1.0) < 1.0:
+                if problem.reach(inner, full[rows] - inner, 1.0) < 1.0:
                     settings = replace(settings, scale_reference=None)
         return problem, settings
 

@@ -58,7 +58,7 @@ class AdmissibleSet:
     def reference(self) -> Array:
         """The problem's reference if it is inside the set, else the centre (m,) [N, N m]."""
         problem = self.problem
-        return problem.reference if problem.reference_inside else problem.center
+        return problem.reference if problem.reference_inside else self.center
 
     @property
     def zonotope(self) -> Zonotope:
@@ -73,8 +73,8 @@ class AdmissibleSet:
 
     @property
     def center(self) -> Array:
-        """Centre of symmetry (m,) [N, N m]."""
-        return self.problem.center
+        """A wrench inside (m,), the centre of symmetry if no effector is a vector [N, N m]."""
+        return self.problem.gamma @ self.problem.middle
 
     @property
     def volume(self) -> float:
@@ -202,8 +202,7 @@ class AdmissibleSet:
     def check_reference(self, scale_reference: ArrayLike) -> Array:
         """Return a reference (m,) of `scale`; raise a ValueError if it is outside the set."""
         start = self.problem.check(scale_reference, name='scale_reference')
-        way = start - self.problem.center
-        if self.problem.reach(self.problem.center, way, 1.0) < 1.0 - REACHED:
+        if self.problem.reach(self.center, start - self.center, 1.0) < 1.0 - REACHED:
             raise ParameterError(f'scale_reference: expected an attainable wrench, got {start}')
         return start
 

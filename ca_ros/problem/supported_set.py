@@ -71,10 +71,12 @@ class SupportedSet:
         """Return None: there is no list of facets."""
 
     def gauge(self, u: Array) -> Array:
-        """Return how far out wrenches (..., m) are: 0 at the centre, 1 on the boundary."""
-        ways = u.reshape(-1, u.shape[-1]) - self._center
+        """Return how far out wrenches (..., m) are: 0 at an inner one, 1 on the boundary."""
+        # The middles of the ranges may be outside together.
+        inner = self._matrix @ self._sets.middle
+        ways = u.reshape(-1, u.shape[-1]) - inner
         lengths = [
-            self._solver.line(self._center, way, np.inf).length if way.any() else np.inf
+            self._solver.line(inner, way, np.inf).length if way.any() else np.inf
             for way in ways]
         return np.reshape(1.0 / np.array(lengths), u.shape[:-1])
 
