@@ -195,18 +195,3 @@ def _plant_of(body: RigidBody | Plant, time_step: float | None) -> Plant:
     if time_step is not None:
         raise ValueError(f'time_step: the plant has its own, {body.time_step:g} s')
     return body
-
-
-def replay(detector: Detector, flight: Flight) -> Found:
-    """Return what a detector finds in a recorded flight, as it did in the flight itself."""
-    found: Found = []
-    angles = np.reshape(flight.angles, (len(flight.time), -1))
-    samples = zip(
-        np.round(flight.time * 1e9).astype(int).tolist(), flight.attitude, flight.velocity,
-        flight.angular_velocity, np.column_stack([flight.speeds, angles]), strict=True,
-    )
-    for time, attitude, velocity, angular_velocity, command in samples:
-        if detector.observe(time, attitude, velocity, angular_velocity):
-            found.append((time, detector.health, detector.failed_arms))
-        detector.command(time, command)
-    return found

@@ -19,7 +19,7 @@ from ca_ros.bringup.flight_options import (
 )
 from ca_ros.problem.audit import audit
 from ca_ros.settings import ParameterError
-from ca_ros.simulation.closed_loop import Change, Found, fly, replay, waypoint_changes
+from ca_ros.simulation.closed_loop import Change, Found, fly, waypoint_changes
 from ca_ros.simulation.record import Flight
 from ca_ros.studies.cases import Case
 from ca_ros.studies.dynamic.manoeuvres import MANOEUVRES, fly_seeds, summary
@@ -81,11 +81,7 @@ def _study(options: argparse.Namespace) -> tuple[pd.DataFrame, str]:
         name: [*case.announced(name, failures), *waypoint_changes(goals)] for name in allocators}
     if options.detect and failures.failures and failures.announce is not None:
         raise ParameterError('--detect: with --announce never, since nobody else names failures')
-    flights = _fly(case, allocators, changes, options)
-    found = {
-        name: replay(case.detector(), flight) if options.detect else []
-        for name, flight in flights.items()
-    }
+    flights, found = _fly(case, allocators, changes, options)
     changes = {name: [*changes[name], *case.detected(name, found[name])] for name in flights}
     rows, text = _write(case, flights, changes, found, options)
     return rows, f'{text}\nwritten: dynamic.csv, .json, .md and plots in {options.out}'
@@ -160,16 +156,17 @@ def _fly_manoeuvres(
 def _fly(
     case: Case, allocators: Mapping[str, Allocator], changes: Mapping[str, Sequence[Change]],
     options: argparse.Namespace,
-) -> dict[str, Flight]:
-    """Return the flights by method."""
-    flights = {}
+) -> tuple[dict[str, Flight], dict[str, Found]]:
+    """Return the flights by method, and what a detector found in each."""
+    flights, found = {}, dict[str, Found]()
     failures = failures_of(options)
     for name, allocator in tqdm(allocators.items(), unit=' flights', disable=None):
         detection = case.detection(name) if options.detect else None
         flights[name] = fly(
             case.controller(), allocator, case.plant(), options.goals.first, options.duration,
             changes=changes[name], detection=detection, failures=failures)
-    return flights
+        found[name] = detection.found if detection else []
+    return flights, found
 
 
 def _write(
