@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, overload
+from typing import Any, overload
 
 import numpy as np
 
@@ -48,9 +48,6 @@ class Audit:
     full: AllocationProblem
     independent: AllocationProblem
     controllable: AllocationProblem
-
-    aim: ClassVar[str] = 'the reference'
-    subject: ClassVar[str] = 'problem'
 
     @property
     def hovers(self) -> bool:
@@ -150,10 +147,10 @@ class Audit:
             parts.append(self._margin())
         ranges = (f'{axis} {self.ends(axis)} {self._unit(axis)}'.rstrip()
                   for axis in self.authority)
-        return '; '.join([*parts, f'around {self.aim}: {", ".join(ranges)}'])
+        return '; '.join([*parts, f'around {self.full.aim}: {", ".join(ranges)}'])
 
     def _margin(self) -> str:
-        return f'margin of {self.aim} {self.controllable_hover_margin:.3g}'
+        return f'margin of {self.full.aim} {self.controllable_hover_margin:.3g}'
 
     def _unit(self, axis: str) -> str:
         return self.full.axis_units[self.full.axes.index(axis)]
@@ -181,7 +178,7 @@ class Audit:
                 dependent = f'independence {least:.2g}, at least {INDEPENDENCE_MIN:g} is needed'
         return [
             ([axis for axis in self.lost if axis not in kept], dependent),
-            ([axis for axis in self.lost if axis in kept], f'given up for {self.aim}'),
+            ([axis for axis in self.lost if axis in kept], f'given up for {self.full.aim}'),
         ]
 
     def ends(self, axis: str) -> str:
@@ -191,7 +188,7 @@ class Audit:
 
     def why_no_hover(self) -> str:
         """Return why hover is not attainable, in words."""
-        return f'the {self.full.effector_kind} cannot give {self.aim}'
+        return f'the {self.full.effector_kind} cannot give {self.full.aim}'
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -201,9 +198,6 @@ class VehicleAudit(Audit):
     full: VehicleProblem
     independent: VehicleProblem
     controllable: VehicleProblem
-
-    aim: ClassVar[str] = 'hover'
-    subject: ClassVar[str] = 'vehicle'
 
     @cached_property
     def _hover_thrusts(self) -> Array:
@@ -366,9 +360,9 @@ def accept(subject: Vehicle | AllocationProblem, lost_axes: str | None = None) -
     report = audit(subject)
     if choice == 'refuse' and not report.sound:
         without = f'without {", ".join(report.lost)}' if report.lost else 'as it is'
-        flies = '' if report.keeps_hovering else f', although {report.aim} is not attainable'
+        flies = '' if report.keeps_hovering else f', although {report.full.aim} is not attainable'
         raise ParameterError(
-            f'allocation.lost_axes: this {report.subject} is refused: {report} '
+            f'allocation.lost_axes: this {report.full.subject} is refused: {report} '
             f"('drop' accepts it {without}{flies}; in Python lost_axes='drop' of make_allocator)"
         )
     return report

@@ -126,6 +126,8 @@ class AllocationProblem:
     """What becomes of axes that are lost, if it is audited; see `ca_ros.problem.audit.accept`."""
     advice = ''
     """What the error of a set without volume recommends."""
+    subject, aim = 'problem', 'the reference'
+    """What it is called in messages, and what its reference is."""
 
     def __init__(
         self, matrix: ArrayLike, lower: ArrayLike | None = None, upper: ArrayLike | None = None,

@@ -46,6 +46,7 @@ class VehicleProblem(AllocationProblem):
     effector_kind = 'rotors'
     unit = ' N'
     advice = ' (see ca_ros.audit)'
+    subject, aim = 'vehicle', 'hover'
 
     def __init__(
         self, vehicle: Vehicle, thrusts: tuple[Box | ConvexSets, Array] | None = None,

@@ -93,7 +93,7 @@ class Simplex:
             if lower[v] == upper[v]:
                 return False
             k = self._nonbasic.index(v)
-            blocked, reached = self._move(k, goal - value[v], goal, -1)
+            blocked, reached = self._move(k, goal - value[v], -1)
             if reached:
                 value[v] = goal
                 return True
@@ -118,7 +118,7 @@ class Simplex:
                         room = upper[x] - value[x] if rate > 0.0 else value[x] - lower[x]
                         self.doubt += abs(rate) * min(room, 2.0)
                 return False
-            blocked, reached = self._move(k, left / self._rates[r][k], goal, v)
+            blocked, reached = self._move(k, left / self._rates[r][k], v)
             if reached:
                 value[v] = goal
                 return True
@@ -196,7 +196,7 @@ class Simplex:
         self.upper.append(upper)
         return len(self.value) - 1
 
-    def _move(self, k: int, way: float, goal: float, target: int) -> tuple[int, bool]:
+    def _move(self, k: int, way: float, target: int) -> tuple[int, bool]:
         """Move nonbasic variable k, at most to the first bound that blocks it.
 
         Return the row of the variable that blocks, or -1, and whether the move was completed.

@@ -55,7 +55,7 @@ class Case:
     @property
     def flies(self) -> bool:
         """Whether this is a vehicle."""
-        return isinstance(self.problem, VehicleProblem)
+        return self.settings is not None
 
     @property
     def vehicle(self) -> Vehicle:

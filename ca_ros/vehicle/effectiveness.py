@@ -1,7 +1,5 @@
 """The control allocation matrix: the force and torque per thrust of each rotor."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ca_ros.arrays import Array

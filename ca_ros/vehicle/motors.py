@@ -1,7 +1,5 @@
 """The motors of a vehicle with their propellers: the thrust of each speed, and the bounds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import sqrt

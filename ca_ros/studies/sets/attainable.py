@@ -92,7 +92,7 @@ def _plot(
     problem = next(iter(sets.values())).problem
     words = 'other axes: any value' if projection else fixed(problem, axes, at)
     reference = problem.reference[[problem.axes.index(axis) for axis in axes]]
-    point = 'hover' if isinstance(problem, VehicleProblem) else 'reference'
+    point = problem.aim.removeprefix('the ')
     return draw(shapes, reference, labels(problem, axes), words, width, point), shapes
 
 
