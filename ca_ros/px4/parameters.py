@@ -36,7 +36,6 @@ from ca_ros.arguments import (
 )
 from ca_ros.input_files import read_text
 from ca_ros.problem.diagnosis import UNITS, diagnose, likely_unit
-from ca_ros.vehicle.files import flatten, read_yaml
 from ca_ros.vehicle.parameter_text import parameter_text
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -188,15 +187,16 @@ def from_px4(
     absent = [f'CA_ROTOR{i}_{kind}' for i in range(n) for kind in ('CT', 'KM')]
     absent = [name for name in absent if name not in given]
     note = f". PX4's defaults: {', '.join(absent)}" if absent else ''
-    return parameter_text(
-        f"From PX4's parameters; the rotors are in its order{note}.",
-        {'name': f"'{name}'", 'mass': mass, 'inertia': inertia},
-        {
+    found = parameter_text({
+        'vehicle': {'name': f"'{name}'", 'mass': mass, 'inertia': inertia},
+        'rotors': {
             'positions': places, 'axes': axes,
             'spins': ['ccw' if each > 0.0 else 'cw' for each in km], 'thrust_coefficient': thrust,
             'torque_coefficient': torque, 'speed_min': speeds[0], 'speed_max': speeds[1],
         } | tilts_from(given, n),
-    )
+    }, f"From PX4's parameters; the rotors are in its order{note}.")
+    Vehicle.from_text(found)
+    return found
 
 
 def to_px4(vehicle: Vehicle, order: Sequence[int] = ()) -> dict[str, float]:
@@ -326,8 +326,7 @@ def run(options: argparse.Namespace) -> None:
             options.inertia, name, options.length,
         )
         print(found, end='')
-        [content] = read_yaml(found).values()
-        for cause in diagnose(Vehicle.from_parameters(flatten(content['ros__parameters']))):
+        for cause in diagnose(Vehicle.from_text(found)):
             print(f'ca_ros px4-parameters: warning: {cause.text}', file=sys.stderr)
         return
     written = to_px4(Vehicle.load(options.vehicle), options.order)

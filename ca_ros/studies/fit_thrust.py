@@ -9,6 +9,7 @@ import numpy as np
 from ca_ros.arguments import command, finite
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.formats.thrust_stand import StandFit, fit, read_stand
+from ca_ros.vehicle.parameter_text import parameter_text
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -60,14 +61,9 @@ def summary(found: StandFit) -> list[str]:
 
 def parameter_file(found: StandFit, source: str) -> str:
     """Return the text of a parameter file with what was measured."""
-    lines = [f'# From {source}: {summary(found)[0]}.', *(f'# {s}' for s in summary(found)[1:])]
-    lines += ['/**:', '  ros__parameters:', '    rotors:']
-    for name, value in found.settings.items():
-        if isinstance(value, dict):
-            lines += [f'      {name}:', *(f'        {key}: {each}' for key, each in value.items())]
-        else:
-            lines.append(f'      {name}: {value}')
-    return '\n'.join(lines) + '\n'
+    first, *others = summary(found)
+    title = '\n'.join([f'From {source}: {first}.', *others])
+    return parameter_text({'rotors': found.settings}, title)
 
 
 def draw(found: StandFit, file: Path) -> None:

@@ -1,12 +1,9 @@
 """The text of a parameter file from values."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
-
-from ca_ros.vehicle.files import flatten, read_yaml
-from ca_ros.vehicle.vehicle import Vehicle
 
 UNITS = {
     'mass': 'kg', 'inertia': 'kg m^2', 'positions': 'm', 'thrust_coefficient': 'kg m',
@@ -15,34 +12,36 @@ UNITS = {
 }
 
 
-def parameter_text(title: str, vehicle: Mapping[str, Any], rotors: Mapping[str, Any]) -> str:
-    """Return the text of a parameter file that describes a sound vehicle.
+def parameter_text(groups: Mapping[str, Any], title: str = '', digits: int = 9) -> str:
+    """Return the text of a parameter file.
 
-    Raises a ParameterError if a value is wrong.
-
-    `title`: a comment.  `vehicle` and `rotors`: values by name, in SI units; None is left out.
+    `groups`: by name the values of each group, numbers in SI units, words, several of them, or
+    mappings of these; None is left out.  `title`: a comment.  `digits`: of the numbers.
     """
-    lines = [f'# {title}', '/**:', '  ros__parameters:']
-    for group, values in (('vehicle', vehicle), ('rotors', rotors)):
-        lines.append(f'    {group}:')
-        for name, value in values.items():
-            if value is not None:
-                unit = f'  # [{UNITS[name]}]' if name in UNITS else ''
-                lines.append(f'      {name}: {_written(value)}{unit}')
-    text = '\n'.join(lines) + '\n'
-    Vehicle.from_parameters(flatten(read_yaml(text)['/**']['ros__parameters']))
-    return text
+    words = [f'# {line}' for line in title.splitlines()]
+    return '\n'.join([*words, '/**:', '  ros__parameters:', *_lines(groups, digits, ' ' * 4), ''])
 
 
-def _written(value: Any) -> str:
-    """Return a value in YAML: rows of a matrix one a line, numbers with nine digits."""
+def _lines(values: Mapping[str, Any], digits: int, indent: str) -> Iterator[str]:
+    """Yield the lines of values, and of mappings below them."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield f'{indent}{name}:'
+            yield from _lines(value, digits, f'{indent}  ')
+        elif value is not None:
+            unit = f'  # [{UNITS[name]}]' if name in UNITS else ''
+            yield f'{indent}{name}: {_written(value, digits)}{unit}'
+
+
+def _written(value: Any, digits: int) -> str:
+    """Return a value in YAML: rows of a matrix one a line, numbers with so many digits."""
     if isinstance(value, str):
         return value
     array = np.asarray(value)
     if array.dtype.kind not in 'iuf':
         return f'[{", ".join(value)}]'
     rows = [
-        ', '.join(repr(float(f'{number:.9g}') + 0.0) for number in row)
+        ', '.join(repr(float(f'{number:.{digits}g}') + 0.0) for number in row)
         for row in np.atleast_2d(array).tolist()
     ]
     text = f',{chr(10)}                  '.join(rows)

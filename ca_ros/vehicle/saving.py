@@ -3,9 +3,8 @@
 from typing import Any
 
 import numpy as np
-import yaml
 
-from ca_ros.vehicle.keywords import plain
+from ca_ros.vehicle.parameter_text import parameter_text
 from ca_ros.vehicle.thrust_curve import ThrustCurve
 
 COPIED = (
@@ -37,8 +36,5 @@ def file_text(vehicle: Any) -> str:
         'mass': vehicle.mass, 'gravity': vehicle.gravity, 'buoyancy': vehicle.buoyancy or None,
         'inertia': vehicle.inertia}
     axes = {'axes': vehicle.axes, 'lost_axes': vehicle.lost_axes}
-    content = {
-        group: {name: plain(value) for name, value in values.items() if value is not None}
-        for group, values in (('vehicle', body), ('rotors', rotors), ('allocation', axes))}
-    return yaml.safe_dump(
-        {'/**': {'ros__parameters': content}}, default_flow_style=None, sort_keys=False)
+    groups = {'vehicle': body, 'rotors': rotors, 'allocation': axes}
+    return parameter_text(groups, digits=17)

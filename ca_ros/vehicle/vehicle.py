@@ -198,6 +198,12 @@ class Vehicle(Motors):
             raise ParameterError(f'{vehicle}: {error}') from None
 
     @classmethod
+    def from_text(cls, text: str) -> Vehicle:
+        """Build a vehicle from the text of a parameter file with one section."""
+        [content] = files.read_yaml(text).values()
+        return cls.from_parameters(content['ros__parameters'])
+
+    @classmethod
     def from_parameters(cls, given: Mapping[str, Any]) -> Vehicle:
         """Build a vehicle from parameters by name, as in a parameter file.
 

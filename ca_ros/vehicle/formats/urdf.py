@@ -14,6 +14,7 @@ from ca_ros.arrays import Array
 from ca_ros.input_files import read_text
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.parameter_text import parameter_text
+from ca_ros.vehicle.vehicle import Vehicle
 
 
 class Model(NamedTuple):
@@ -147,19 +148,20 @@ def run(options: argparse.Namespace) -> None:
     text = read_text(options.file)
     try:
         model = read_urdf(text, options.rotors)
-        text = parameter_text(
-            f'From {options.file.name}: the rotors are {", ".join(options.rotors)}.',
-            {
+        title = f'From {options.file.name}: the rotors are {", ".join(options.rotors)}.'
+        text = parameter_text({
+            'vehicle': {
                 'name': f"'{model.name}'", 'mass': model.mass, 'center_of_mass': model.center,
                 'inertia': model.inertia.ravel(),
             },
-            {
+            'rotors': {
                 'positions': model.positions, 'axes': model.axes, 'spins': options.spins,
                 'thrust_coefficient': options.thrust_coefficient,
                 'torque_coefficient': options.torque_coefficient, 'speed_min': options.speed_min,
                 'speed_max': options.speed_max,
             },
-        )
+        }, title)
+        Vehicle.from_text(text)
     except ValueError as error:
         raise ParameterError(f'{options.file}: {error}') from None
     print(text, end='')
