@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -123,7 +124,7 @@ class ThrustCurve:
         w, t = points(settings.speeds, 'throttles', settings.throttles)
         return replace(made, throttle_speeds=constant(w), throttles=constant(t))
 
-    @property
+    @cached_property
     def square(self) -> bool:
         """Whether the thrust is k_f w^2."""
         return not len(self.starts)
