@@ -73,9 +73,11 @@ def run(options: argparse.Namespace, sizes: Sizes) -> tuple[pd.DataFrame, pd.Dat
     rival = 'daqp_reused' if 'daqp_reused' in calls else None
     in_c, absent_in_c, compiler = compiled(case.problem)
     if in_c:
-        rows.append(parts.time_calls(case.problem, in_c, parts.by_side(sets), *shared, 'C'))
+        sided = parts.by_side(case.problem, sets, *shared)
+        rows.append(parts.time_calls(case.problem, in_c, sided, *shared, 'C'))
     if paper := of_the_paper(case.parameters):
         rows += [parts.time_rotors(rival, *shared), parts.time_setups(*shared)]
+        rows.append(parts.time_unattainable(*shared))
     rows.append(parts.time_batches(case, rival, calls.get(rival or ''), *shared))
     if case.flies and not options.no_nodes and find_spec('rclpy'):
         from benchmarks.latency import measure_nodes

@@ -15,6 +15,7 @@ PICTURE = '![Times per call, from Python and in C; hollow: wrong answers](result
 PARTS = {
     'rotors': 'Number of rotors: microseconds per call',
     'batches': 'Batches: microseconds per wrench, on one core unless two are named',
+    'unattainable': 'Wrenches up to twice as far as the boundary: microseconds per call',
     'set-up': 'Audit and set-up of 16 rotors, each time after another failure: microseconds',
 }
 

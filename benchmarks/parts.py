@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.answers import Answers
-from benchmarks.contenders import BASELINE, CONTENDERS, EXACT
+from benchmarks.contenders import BASELINE, CONTENDERS, EXACT, set_up
 from benchmarks.peers import Call
 from benchmarks.sizes import Sizes
 from benchmarks.timing import Jobs, Key, measure, rounds
@@ -23,7 +23,7 @@ from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import read
 from ca_ros.studies.cases import Case
-from ca_ros.studies.wrench_sets import near_boundary
+from ca_ros.studies.wrench_sets import near_boundary, samples
 from ca_ros.vehicle.vehicle import Vehicle
 
 ROTORS, TILT = 16, float(np.radians(25.0))  # of set-ups; their tilt for six axes [rad]
@@ -36,6 +36,9 @@ SETS = {
     'three of which are so far away that rotors saturate',
 }
 
+
+FAR = 'hexarotor', 'hexarotor_tilted', 'octorotor', 'x8', 'y6'
+"""Vehicles that get wrenches far outside of their sets."""
 
 SIDES = 'inside', 'on', 'outside'
 """The thirds of the wrenches near the boundary."""
@@ -56,10 +59,14 @@ def drawn(
     return found
 
 
-def by_side(sets: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the sets, with the wrenches near the boundary by the side on which they are."""
+def by_side(
+    problem: AllocationProblem, sets: Mapping[str, Array], sizes: Sizes, seed: int
+) -> dict[str, Array]:
+    """Return the sets, with as many wrenches on each side of the boundary in place of one."""
     found = {kind: wrenches for kind, wrenches in sets.items() if kind != 'boundary'}
-    return found | {side: sets['boundary'][i :: len(SIDES)] for i, side in enumerate(SIDES)}
+    size, rng = len(SIDES) * sizes.wrenches, np.random.default_rng(seed)
+    near = near_boundary(AdmissibleSet(problem), rng, size)
+    return found | {side: near[i :: len(SIDES)] for i, side in enumerate(SIDES)}
 
 
 def time_calls(
@@ -89,6 +96,24 @@ def time_rotors(rival: str | None, sizes: Sizes, seed: int) -> pd.DataFrame:
             calls[kind] |= {key: each.call(problem) for key, each in own.items()}
             checks |= dict.fromkeys(own, Answers(problem, wrenches))
     return pd.concat(measure(own, checks, sizes, seed) for own in calls.values())
+
+
+def time_unattainable(sizes: Sizes, seed: int) -> pd.DataFrame:
+    """Return rows of `measure` of `exact` and of hierarchical DAQP, by vehicle.
+
+    The wrenches are up to twice as far from the centre as the boundary.
+    """
+    calls: dict[Key, Call] = {}
+    checks: dict[Key, Answers] = {}
+    contenders = {'exact': EXACT, 'daqp_hierarchical': CONTENDERS['daqp_hierarchical']}
+    for name in FAR:
+        problem = VehicleProblem(Vehicle.load(name))
+        wrenches = samples(AdmissibleSet(problem), 'outside', seed, 0, min(1000, sizes.wrenches))
+        found, _ = set_up(contenders, problem)
+        own = {Key('unattainable', name, each, problem.n): call for each, call in found.items()}
+        calls |= own
+        checks |= dict.fromkeys(own, Answers(problem, wrenches))
+    return measure(calls, checks, sizes, seed)
 
 
 def time_batches(

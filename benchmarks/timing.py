@@ -24,9 +24,10 @@ from benchmarks.sizes import Sizes
 from ca_ros.arrays import Array
 
 TURN = 250  # calls in a turn
+WARM = 25  # calls before them, not timed: the caches hold the data of other contenders
 
 PERCENTILES = {'p50': 50.0, 'p99': 99.0, 'p999': 99.9, 'worst': 100.0}
-"""Percentiles of the times of single calls, by column."""
+"""Percentiles over the wrenches, by column: of each, the median time over the repetitions."""
 
 
 class Key(NamedTuple):
@@ -50,27 +51,26 @@ def measure(
 
     Returns one row per contender and repetition in which it took part: the fields of `Key`,
     ``repetition`` (-1 for the first pass, which is not timed), ``time`` (the mean of a call) and
-    the `PERCENTILES` of single calls [s], and the errors of the answers from `Answers.worst`.
+    the `PERCENTILES` of all repetitions [s], and the errors of the answers from `Answers.worst`.
     """
     wrenches = {key: list(checks[key].demands) for key in calls}
     count = len(next(iter(wrenches.values())))
     chance, rows, shares = random.Random(seed), [], {}
+    singles: dict[Key, list[Array]] = {key: [] for key in calls}
 
-    def add(key: Key, repetition: int, time: float, single: Any, answers: Sequence[Any]) -> None:
+    def add(key: Key, repetition: int, time: float, answers: Sequence[Any]) -> None:
         try:
             worst = checks[key].worst(answers)
         except AnswerError as error:
             raise AnswerError(f'{key.contender}: {error}') from None
-        values = np.percentile(single, list(PERCENTILES.values())) / 1e9
-        measured = {'time': time, **dict(zip(PERCENTILES, values, strict=True))}
-        rows.append({**key._asdict(), 'repetition': repetition, **measured, **worst})
+        rows.append({**key._asdict(), 'repetition': repetition, 'time': time, **worst})
 
     def in_turns(keys: Sequence[Key], work: Callable[[Call, list[Array]], Any]) -> Any:
         done: dict[Key, list[Any]] = {key: [] for key in keys}
         for start in range(0, count, TURN):
             for key in chance.sample(keys, len(keys)):
-                # The caches hold the data of other contenders: one call before, not timed.
-                calls[key](wrenches[key][start - 1])
+                for before in range(start - WARM, start):
+                    calls[key](wrenches[key][before % count])
                 done[key].append(work(calls[key], wrenches[key][start : start + TURN]))
         return done
 
@@ -78,7 +78,7 @@ def measure(
         for key, call in calls.items():
             # The first calls fill caches and are not timed.
             first, answers = _one_by_one(call, wrenches[key])
-            add(key, -1, np.nan, np.nan, answers)
+            add(key, -1, np.nan, answers)
             wanted = 1e9 * sizes.budget / (2.0 * float(np.median(first)) * count)
             shares[key] = int(min(max(wanted, sizes.least), sizes.repetitions))
         for i in tqdm(range(sizes.repetitions), next(iter(calls)).part, disable=None):
@@ -87,8 +87,14 @@ def measure(
             for key in part:
                 single, given = zip(*singly[key], strict=True)
                 time = sum(spent[key]) / 1e9 / count
-                add(key, i, time, np.concatenate(single), list(chain(*given)))
-    return pd.DataFrame(rows)
+                singles[key].append(np.concatenate(single))
+                add(key, i, time, list(chain(*given)))
+    # What the machine interrupts in one repetition decides no percentile.
+    slow = [np.percentile(np.median(own, axis=0), list(PERCENTILES.values()))
+            for own in singles.values()]
+    index = pd.MultiIndex.from_tuples(singles, names=Key._fields)
+    percentiles = pd.DataFrame(np.array(slow) / 1e9, index, list(PERCENTILES))
+    return pd.DataFrame(rows).join(percentiles, on=list(Key._fields))
 
 
 def takes_part(repetition: int, count: int, repetitions: int) -> bool:
@@ -158,7 +164,7 @@ def summarize(rows: pd.DataFrame, baseline: str) -> pd.DataFrame:
 
     The columns are the median over repetitions and the ends of the interquartile range of the time
     (``time``, ``time_low``, ``time_high``) and of the time in units of the baseline's (``ratio``
-    and so on), the medians of the `PERCENTILES`, the largest errors, and ``faults``.
+    and so on), the `PERCENTILES`, the largest errors, and ``faults``.
     """
     groups = ['part', 'wrenches', 'rotors', 'repetition']
     unit = rows[rows['contender'] == baseline].set_index(groups)['time'].rename('unit')

@@ -1,5 +1,7 @@
 """The benchmark: contenders are asked the right question; what they take is not judged here."""
 
+import itertools
+import time
 from dataclasses import replace
 from importlib.util import find_spec
 
@@ -132,6 +134,23 @@ def test_a_ratio_is_that_of_neighbours_in_time():
         for i, time in enumerate(times))
     assert timing.ratio(rows, one, other) == 2.0
     assert timing.ratio(rows, one, other._replace(contender='absent')) is None
+
+
+def test_an_interruption_decides_no_percentile():
+    problem = VehicleProblem(HEXAROTOR)
+    exact, asked = make_allocator('exact', HEXAROTOR), itertools.count()
+
+    def interrupted(u):
+        # In each repetition another wrench.
+        time.sleep(0.02 * (next(asked) % 61 == 0))
+        return exact.allocate(u)
+
+    wrenches = AdmissibleSet(problem).sample(np.random.default_rng(0), 20)
+    key = Key('calls', 'uniform', BASELINE, 6)
+    sizes = replace(TINY, repetitions=5, least=5)
+    rows = timing.measure({key: interrupted}, {key: Answers(problem, wrenches)}, sizes, 0)
+    assert (rows['time'].dropna() > 0.0).all()
+    assert rows['worst'].max() < 0.02
 
 
 # The nodes

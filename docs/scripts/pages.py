@@ -44,6 +44,17 @@ def fill(name: str, **contents: str) -> None:
     page.write_text(text, encoding='utf-8')
 
 
+def put(name: str, before: str, after: str, figure: str) -> None:
+    """Replace the figure between words that stand once on a page, in one line."""
+    page = DOCS / name
+    text, count = re.subn(
+        rf'({re.escape(before)})[^\n]*?({re.escape(after)})',
+        lambda match: f'{match[1]}{figure}{match[2]}', page.read_text(encoding='utf-8'))
+    if count != 1:
+        raise ValueError(f'{name}: expected {before!r} and {after!r} once, got {count} places')
+    page.write_text(text, encoding='utf-8')
+
+
 def keep(name: str, titles: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> None:
     """Write a table that is too long for a page to `out/NAME.md`."""
     folder = DOCS.parent / 'out'

@@ -1,10 +1,10 @@
-"""Fill docs/performance.md with the figures of the last `make benchmark`."""
+"""Fill docs/performance.md, and figures of other pages, from the last `make benchmark`."""
 
 import argparse
 from pathlib import Path
 
 import pandas as pd
-from pages import fill
+from pages import fill, put
 
 from benchmarks.contenders import BASELINE
 from benchmarks.limits import limits
@@ -14,7 +14,13 @@ from benchmarks.timing import summarize
 from ca_ros.studies.tables import number, table
 
 PEERS = ('clipped_pinv', 'exact', 'daqp_reused', 'quadprog', 'osqp')
+PAPER = ('conventional', 'direct')
 IN_C = ('clipped_pinv', 'exact', 'daqp_reused', 'daqp_hierarchical', 'osqp')
+
+
+def between(times: pd.Series, words: str = ' to ') -> str:
+    """Return the least and the greatest of some times in words [us]."""
+    return f'{times.min():.2g}{words}{times.max():.2g}'
 
 
 def main() -> None:
@@ -71,6 +77,27 @@ def main() -> None:
         [part.strip() for part in line.strip('|').split('|')][:3]
         for line in limits(rows, found, FULL).splitlines() if '**missed**' in line
     ]
+    far = 1e6 * found.loc['unattainable']['time']
+    ours, daqp = (
+        between(far.xs(name, level='contender')) for name in ('exact', 'daqp_hierarchical'))
+    fast = between(
+        1e6 * found.loc['calls'].xs('exact', level='contender')['time'], '\N{EN DASH}')
+    ours_in_c, inverse = (
+        f'{1e6 * found.loc["C", "uniform", name, 6].time:.2f}' for name in IN_C[1::-1])
+    papers = (f'{found.loc["calls", "uniform", name, 6].ratio:.0f}' for name in PAPER)
+    for name, before, after, figure in (
+        ('../README.md', '**Fast.** ', ' µs from Python', fast),
+        ('../README.md', 'from Python, ', ' µs in C', ours_in_c),
+        ('../README.md', 'in C takes ', ' µs', inverse),
+        ('../README.md', "DAQP's hierarchy (", ' µs a call)', daqp),
+        ('../README.md', '`exact` (', ' µs) in', ours),
+        ('performance.md', 'unattainable wrenches in ', ' µs each', daqp),
+        ('performance.md', 'each, where `exact` takes ', ' µs', ours),
+        ('performance.md', 'SciPy, take ', ' times as long', ' and '.join(papers)),
+        ('comparison.md', 'unattainable wrenches, in ', ' µs where', daqp),
+        ('comparison.md', 'µs where `exact` takes ', '. It', ours),
+    ):
+        put(name, before, after, figure)
     columns = [f'{side}, p50 / p99.9' for side in SIDES]
     fill(
         'performance.md', python=table(('contender', *SETS, 'worst', 'wrench error'), python),
