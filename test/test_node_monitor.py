@@ -160,6 +160,13 @@ def test_in_lockstep_the_monitor_asks_again_for_a_command_that_it_has_not_got(gr
     assert 10_000_000 not in told()
     vehicle.command.publish(speeds_message(np.full(6, 250.0), 0))
     graph.spin_until(lambda: told()[-1] == 10_000_000, 'the health of the next state')
+    # Others may not wait for it: a later command says that the one before does not come.
+    vehicle.sent = 2
+    vehicle.state(w=1.0)
+    vehicle.command.publish(speeds_message(np.full(6, 250.0), 20_000_000))
+    vehicle.sent = 3
+    vehicle.state(w=1.0)
+    graph.spin_until(lambda: told()[-1] == 30_000_000, 'the health of a state after it')
 
 
 def test_no_message_ends_or_blinds_the_monitor(graph):
