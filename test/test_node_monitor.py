@@ -32,11 +32,11 @@ NOISE = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('vehicle', 'changes', 'failure'), [
-    pytest.param('hexarotor_realistic', [], '2@0.5', marks=pytest.mark.long),
-    pytest.param('hexarotor_tilting', SERVOS, '2@0.5', marks=pytest.mark.long),
-    ('hexarotor_tilting', SERVOS, '2@0.5=0.6rad'),
+    pytest.param('hexarotor_realistic', [], '2@1.5', marks=pytest.mark.long),
+    pytest.param('hexarotor_tilting', SERVOS, '2@1.5', marks=pytest.mark.long),
+    ('hexarotor_tilting', SERVOS, '2@1.5=0.6rad'),
     # At first its arm alone is named.
-    ('x8', NOISE, '2@0.5'),
+    ('x8', NOISE, '2@1.5'),
 ])
 def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit(
         graph, tmp_path, vehicle, changes, failure):
@@ -45,11 +45,11 @@ def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit(
     detection = case.detection('exact')
     offline = fly(
         case.controller(), case.allocator('exact'), case.plant(), Waypoint.of(1, 1, 1, np.pi / 4),
-        0.8, detection=detection, failures=failures)
+        1.8, detection=detection, failures=failures)
     offline.write_csv(tmp_path / 'offline.csv')
     flown = fly_over_ros(
-        graph, tmp_path, case, 0.8, '--fail', failure, '--announce', 'never', '--detect')
-    assert 0.5 < detection.found[0][0] / 1e9 < 0.6
+        graph, tmp_path, case, 1.8, '--fail', failure, '--announce', 'never', '--detect')
+    assert 1.5 < detection.found[0][0] / 1e9 < 1.6
     assert detection.found[0][2] == (((1, 2),) if vehicle == 'x8' else ())
     assert detection.detector.health.tolist()[:3] == [1.0, 0.0, 1.0]
     assert flown.read_bytes() == (tmp_path / 'offline.csv').read_bytes()

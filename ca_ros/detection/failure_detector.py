@@ -117,6 +117,8 @@ class FailureDetector:
         sticks.
     suspect : int or None
         The rotor that may be failing now.
+    settling : int
+        Time from the first command after which the speeds of the motors are known [ns].
     margin : float
         Lead of the evidence for the likeliest rotor over that for a disturbance, in the last test
         in which something was suspected; a natural logarithm.
@@ -163,8 +165,8 @@ class FailureDetector:
         lag = max(s.motor_time_constant, s.servo_time_constant)
         # Time until failures are tested; above ACQUAINTED, the speeds of the motors are unknown.
         # It is in whole milliseconds, so that single precision does not change it.
-        settling = round(1e3 * (SETTLING * lag + s.delay))
-        self._blind = self._unknown = ACQUAINTED + 1_000_000 * settling
+        self.settling = 1_000_000 * round(1e3 * (SETTLING * lag + s.delay))
+        self._blind = ACQUAINTED + self.settling
         self._commanded = False
         self.reset()
 
@@ -374,7 +376,7 @@ class FailureDetector:
         if last is not None and time < last:
             self._rotors = CommandedRotors(self._rotors.vehicle, self.settings)
         if last is not None and not 0 < time - last < GAP:
-            self._blind = self._unknown
+            self._blind = ACQUAINTED + self.settling
         self._turn, self._motion = turn, motion
         step = observer.step
         if observer.standing or self._blind > ACQUAINTED:
