@@ -19,6 +19,7 @@ from benchmarks.detection.plant import (
 )
 from ca_ros.arrays import Array
 from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.inertial import InertialMotion
 from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -44,11 +45,13 @@ Alarm = tuple[int, tuple[int, ...]]
 """A row, and the rotors that are named there."""
 
 
-def namings(detector: Any, rows: Rows, n: int, force: bool = False) -> Iterator[Alarm]:
+def namings(detector: Any, rows: Rows, n: int, force: str = '') -> Iterator[Alarm]:
     """Yield what a detector names in a flight; it is reset after each name.
 
-    `force`: it also gets the specific force.
+    `force`: see `Setup`.
     """
+    if force == 'alone':
+        rows = alone(rows, detector.vehicle.gravity)
     times, *columns, commands = (rows[name] for name in STATED)
     commands = np.ascontiguousarray(commands[:, :n])
     columns = [np.ascontiguousarray(each) for each in columns[:None if force else 3]]
@@ -62,6 +65,16 @@ def namings(detector: Any, rows: Rows, n: int, force: bool = False) -> Iterator[
                 yield i, tuple(np.flatnonzero(health < 1.0).tolist())
                 detector.reset()
         command(time, commands[i])
+
+
+def alone(rows: Rows, gravity: float) -> Rows:
+    """Return rows with attitude and velocity of gyro and accelerometer alone."""
+    motion, rows = InertialMotion(gravity), rows.copy()
+    for step, row in zip(np.diff(rows['time'], prepend=rows['time'][0]) / 1e9, rows, strict=True):
+        motion.turn(step, row['rates'], row['specific_force'])
+        row['attitude'] = motion.attitude
+        row['velocity'] = motion.move(step, row['specific_force'])
+    return rows
 
 
 @dataclass
@@ -132,7 +145,7 @@ class Setup:
     """A vehicle, what the controller believes of it, and its detector.
 
     - `make`: makes the detector
-    - `force`: whether it gets the specific force
+    - `force`: 'beside': it also gets the specific force; 'alone': rates and specific force alone
     - `settings`: of `detector.*`, beside the lag and the delay that it is told
     """
 
@@ -140,7 +153,7 @@ class Setup:
     vehicle: Vehicle
     model: Any
     make: Callable[..., Any] = make_detector
-    force: bool = False
+    force: str = ''
     settings: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod

@@ -1,5 +1,6 @@
 """A recorded flight through the detector: what it would have named, and when."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -7,18 +8,18 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
+from ca_ros.detection.inertial import InertialMotion
+from ca_ros.detection.kernel_detector import Detector
 from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.formats.recording import Recording
-from ca_ros.vehicle.state import cross, rotation_matrix
+from ca_ros.vehicle.state import rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 LAUNCH = 2.0  # after the ground [s]
 LANDING = 1.0  # before the vehicle stands [s]
 WAIT = 2.0  # in which an injected loss is to be named [s]
-LEVELLING = 0.3  # rate at which the accelerometer levels an attitude that is not recorded [1/s]
-LEAK = 0.5  # rate at which a velocity that is not recorded is forgotten [1/s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +46,19 @@ class Replay:
     """A replayed flight: `times` (K,) [s], `probabilities` (K, n + 1), and what was named.
 
     - `notes`: what is not recorded, and what took its place
-    - `in_air`: time off the ground [s]
+    - `flying` (K,): whether the vehicle is off the ground
     """
 
     times: Array
     probabilities: Array
     named: list[Naming]
     notes: list[str]
-    in_air: float
+    flying: Array
+
+    @property
+    def in_air(self) -> float:
+        """Time off the ground [s]."""
+        return float(np.diff(self.times, prepend=self.times[0])[self.flying].sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +97,7 @@ def motion_of(vehicle: Vehicle, recording: Recording) -> Motion:
         if force is None:
             raise ParameterError(f'{recording.name}: expected an attitude, or a specific force')
         notes.append('no attitude: gyro and accelerometer give it')
-        attitude = _levelled(times, gyro, force)
+        attitude = _levelled(times, gyro, force, vehicle.gravity)
     if velocity is None:
         assert force is not None
         notes.append('no velocity: the accelerometer gives its changes')
@@ -107,49 +113,41 @@ def _held(recording: Recording, name: str, times: Array) -> Array | None:
     return np.asarray(recording.values[name][np.maximum(at, 0)])
 
 
-def _levelled(times: Array, gyro: Array, force: Array) -> Array:
+def _levelled(times: Array, gyro: Array, force: Array, gravity: float) -> Array:
     """Return attitudes (K, 4) that follow the gyro, and in the mean the specific force."""
-    q, found = np.array([0.0, 0.0, 0.0, 1.0]), np.empty((len(times), 4))
-    for i, (omega, f) in enumerate(zip(gyro, force, strict=True)):
-        step = times[i] - times[i - 1] if i else 0.0
-        up = rotation_matrix(q)[2]
-        omega = omega + LEVELLING * cross(f / max(float(np.linalg.norm(f)), 1e-9), up)
-        x, y, z = 0.5 * step * omega
-        turned = np.array([
-            q[0] + q[3] * x + q[1] * z - q[2] * y, q[1] + q[3] * y + q[2] * x - q[0] * z,
-            q[2] + q[3] * z + q[0] * y - q[1] * x, q[3] - q[0] * x - q[1] * y - q[2] * z])
-        q = turned / np.linalg.norm(turned)
-        found[i] = q
+    motion, found = InertialMotion(gravity), np.empty((len(times), 4))
+    steps = np.diff(times, prepend=times[0])
+    for i, (step, omega, f) in enumerate(zip(steps, gyro, force, strict=True)):
+        motion.turn(step, omega, f)
+        found[i] = motion.attitude
     return found
 
 
 def _integrated(times: Array, attitude: Array, force: Array, gravity: float) -> Array:
     """Return velocities (K, 3) in the body frame, of which constant parts are forgotten."""
-    velocity, found = np.zeros(3), np.empty((len(times), 3))
-    for i, (q, f) in enumerate(zip(attitude, force, strict=True)):
-        step = times[i] - times[i - 1] if i else 0.0
-        turn = rotation_matrix(q)
-        acceleration = turn @ f - [0.0, 0.0, gravity]
-        velocity = velocity + step * (acceleration - LEAK * velocity)
-        found[i] = turn.T @ velocity
+    motion, found = InertialMotion(gravity), np.empty((len(times), 3))
+    steps = np.diff(times, prepend=times[0])
+    for i, (step, motion.attitude, f) in enumerate(zip(steps, attitude, force, strict=True)):
+        found[i] = motion.move(step, f)
     return found
 
 
 def replay(
     vehicle: Vehicle, recording: Recording, settings: DetectorSettings,
-    motion: Motion | None = None,
+    motion: Motion | None = None, make: Callable[..., Detector] = FailureDetector,
 ) -> Replay:
     """Replay a recording, whose commands are rotor speeds [rad/s]; after a name, reset.
 
-    `motion`: by default `motion_of` the recording.
+    - `motion`: by default `motion_of` the recording
+    - `make`: makes the detector; with `make_detector` it is quicker, and margins are not known
     """
     motion = motion_of(vehicle, recording) if motion is None else motion
-    detector = FailureDetector(vehicle, settings)
+    detector = make(vehicle, settings)
     sent, commands = recording.times['command'], recording.values['command']
     begin, next_command = motion.times[0], 0
     probabilities = np.zeros((len(motion.times), vehicle.n + 1))
     named: list[Naming] = []
-    in_air, off_ground = 0.0, 0.0
+    off_ground, flying = 0.0, np.zeros(len(motion.times), bool)
     for i, now in enumerate(motion.times):
         time = round(1e9 * (now - begin))
         force = None if motion.force is None else motion.force[i]
@@ -164,15 +162,16 @@ def replay(
                 replace(each, phase='landing') if now - begin - each.time < LANDING else each
                 for each in named]
         off_ground = 0.0 if detector.standing else off_ground + step
-        in_air += step * (not detector.standing)
+        flying[i] = not detector.standing
         probabilities[i] = detector.probabilities
         lost = np.flatnonzero(detector.health < vehicle.health)
         if changed and len(lost):
+            phase = 'launch' if off_ground < LAUNCH else 'flight'
             named.append(Naming(
                 float(now - begin), tuple(lost.tolist()), tuple(detector.health[lost].tolist()),
-                detector.margin, 'launch' if off_ground < LAUNCH else 'flight'))
+                getattr(detector, 'margin', np.nan), phase))
             detector.reset()
-    return Replay(motion.times - begin, probabilities, named, motion.notes, in_air)
+    return Replay(motion.times - begin, probabilities, named, motion.notes, flying)
 
 
 def without_rotor(

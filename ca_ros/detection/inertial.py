@@ -1,0 +1,77 @@
+"""What an inertial unit says of the motion: the mean force between states, and the rest alone."""
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.vehicle.state import cross, rotation_matrix
+
+LEVELLING = 0.1  # rate at which the specific force levels the attitude [1/s]
+LEAK = 0.5  # rate at which the velocity is forgotten [1/s]
+HELD = 50_000_000  # how long the newest sample holds at most [ns]
+SAMPLES_MAX = 1000  # samples that may wait for a state
+
+
+class SpecificForces:
+    """Samples of the specific force, from which the mean between two states is taken.
+
+    A sample holds from the one before it until its stamp, the newest also after it.  A step back
+    of the stamps forgets what was before.
+
+    - `time`: stamp of the newest sample [ns]; None before the first
+    """
+
+    def __init__(self) -> None:
+        self.time: int | None = None
+        self._samples: list[tuple[int, Array]] = []
+
+    def add(self, time: int, force: Array) -> None:
+        """Add a sample (3,) [m/s^2] with its stamp [ns]; one for the second time replaces it."""
+        if self.time is not None and time <= self.time:
+            self._samples = self._samples[:-1] if time == self.time else []
+        self.time = time
+        self._samples.append((time, force))
+        del self._samples[:-SAMPLES_MAX]
+
+    def mean(self, start: int, end: int) -> Array | None:
+        """Return the mean (3,) between two times [ns]; None without a sample at the end."""
+        if self.time is None or end - self.time > HELD or not start < end:
+            return None
+        total, now = np.zeros(3), start
+        for time, force in [*self._samples, (end, self._samples[-1][1])]:
+            if (until := min(time, end)) > now:
+                total, now = total + (until - now) / (end - start) * force, until
+        # What is older than the next interval counts no longer; the newest sample may hold on.
+        self._samples = [each for each in self._samples[:-1] if each[0] > end] + self._samples[-1:]
+        return total
+
+
+class InertialMotion:
+    """Attitude and velocity from gyro and accelerometer alone.
+
+    The heading begins at zero, and constant parts of the velocity are forgotten.  Both serve the
+    detector alone, which needs the changes of the velocity, and the direction of the weight.
+
+    - `attitude` (4,): quaternion x, y, z, w, body to world
+    - `velocity` (3,): in the world frame [m/s]
+    """
+
+    def __init__(self, gravity: float) -> None:
+        self._gravity = gravity
+        self.attitude, self.velocity = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
+
+    def turn(self, step: float, angular_velocity: Array, force: Array) -> None:
+        """Turn by an angular velocity (3,) [rad/s] for a step [s], and a little to the force."""
+        q, up = self.attitude, rotation_matrix(self.attitude)[2]
+        direction = force / max(float(np.linalg.norm(force)), 1e-9)
+        x, y, z = 0.5 * step * (angular_velocity + LEVELLING * cross(direction, up))
+        turned = q + np.array([
+            q[3] * x + q[1] * z - q[2] * y, q[3] * y + q[2] * x - q[0] * z,
+            q[3] * z + q[0] * y - q[1] * x, -q[0] * x - q[1] * y - q[2] * z])
+        self.attitude = turned / np.linalg.norm(turned)
+
+    def move(self, step: float, force: Array) -> Array:
+        """Move by a specific force (3,) [m/s^2]; return the velocity (3,) in the body frame."""
+        turn = rotation_matrix(self.attitude)
+        acceleration = turn @ force - [0.0, 0.0, self._gravity]
+        self.velocity = self.velocity + step * (acceleration - LEAK * self.velocity)
+        return np.asarray(turn.T @ self.velocity)
