@@ -10,7 +10,7 @@ from typing import Literal, TypeVar
 
 from ca_ros.allocation.settings import AllocationSettings, MethodSettings, own_methods
 from ca_ros.control.controller_settings import ControllerSettings, check_attitude
-from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.detector_settings import DetectorSettings, ImuSettings
 from ca_ros.problem.prioritization import PrioritizedAxesSettings
 from ca_ros.setting_names import check_given
 from ca_ros.settings import Numbers, ParameterError, Settings, read, setting, table
@@ -131,6 +131,7 @@ class SimulatorSettings(NodeSettings):
     vehicle: MovingBodySettings
     rotors: PlantRotorSettings
     simulator: SimulationSettings
+    detector: ImuSettings
     timeout_action: str = TIMEOUT_ACTION()
     world_frame: str = WORLD_FRAME()
 

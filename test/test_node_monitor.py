@@ -4,14 +4,20 @@ from itertools import cycle
 
 import numpy as np
 import pytest
+import sensor_msgs.msg as sensor_msgs
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
+import ca_ros
 from ca_ros.control.waypoint import Waypoint
-from ca_ros.nodes.messages import speeds_message, speeds_stamp, stamp
+from ca_ros.detection.detector_settings import ImuSettings
+from ca_ros.nodes.messages import fill_imu, speeds_message, speeds_stamp, stamp, state_messages
 from ca_ros.nodes.topics import STANDING
 from ca_ros.simulation.closed_loop import fly
+from ca_ros.simulation.plant import Plant
+from ca_ros.simulation.plant_settings import PlantSettings
+from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.studies.cases import Case
 from ca_ros.testing import Diagnostics, wrench
@@ -30,13 +36,17 @@ NOISE = [
 ]
 
 
+IMU = ['detector.imu_position:=[0.05, 0.0, 0.02]', 'simulator.state_delay:=0.01']
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(('vehicle', 'changes', 'failure'), [
-    pytest.param('hexarotor_realistic', [], '2@1.5', marks=pytest.mark.long),
-    pytest.param('hexarotor_tilting', SERVOS, '2@1.5', marks=pytest.mark.long),
-    ('hexarotor_tilting', SERVOS, '2@1.5=0.6rad'),
+    pytest.param('hexarotor_realistic', [], '2@0.5', marks=pytest.mark.long),
+    pytest.param('hexarotor_tilting', SERVOS, '2@0.5', marks=pytest.mark.long),
+    ('hexarotor_tilting', SERVOS, '2@0.5=0.6rad'),
     # At first its arm alone is named.
-    ('x8', NOISE, '2@1.5'),
+    ('x8', NOISE, '2@0.5'),
+    ('hexarotor_realistic', IMU, '2@0.5'),
 ])
 def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit(
         graph, tmp_path, vehicle, changes, failure):
@@ -45,11 +55,11 @@ def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit(
     detection = case.detection('exact')
     offline = fly(
         case.controller(), case.allocator('exact'), case.plant(), Waypoint.of(1, 1, 1, np.pi / 4),
-        1.8, detection=detection, failures=failures)
+        0.8, detection=detection, failures=failures)
     offline.write_csv(tmp_path / 'offline.csv')
     flown = fly_over_ros(
-        graph, tmp_path, case, 1.8, '--fail', failure, '--announce', 'never', '--detect')
-    assert 1.5 < detection.found[0][0] / 1e9 < 1.6
+        graph, tmp_path, case, 0.8, '--fail', failure, '--announce', 'never', '--detect')
+    assert 0.5 < detection.found[0][0] / 1e9 < 0.6
     assert detection.found[0][2] == (((1, 2),) if vehicle == 'x8' else ())
     assert detection.detector.health.tolist()[:3] == [1.0, 0.0, 1.0]
     assert flown.read_bytes() == (tmp_path / 'offline.csv').read_bytes()
@@ -160,13 +170,6 @@ def test_in_lockstep_the_monitor_asks_again_for_a_command_that_it_has_not_got(gr
     assert 10_000_000 not in told()
     vehicle.command.publish(speeds_message(np.full(6, 250.0), 0))
     graph.spin_until(lambda: told()[-1] == 10_000_000, 'the health of the next state')
-    # Others may not wait for it: a later command says that the one before does not come.
-    vehicle.sent = 2
-    vehicle.state(w=1.0)
-    vehicle.command.publish(speeds_message(np.full(6, 250.0), 20_000_000))
-    vehicle.sent = 3
-    vehicle.state(w=1.0)
-    graph.spin_until(lambda: told()[-1] == 30_000_000, 'the health of a state after it')
 
 
 def test_no_message_ends_or_blinds_the_monitor(graph):
@@ -206,6 +209,67 @@ def test_no_message_ends_or_blinds_the_monitor(graph):
         lambda: vehicle.fly(stopped, lambda health: health == stopped.tolist()), 'a loss is found')
     diagnostics.wait(
         'monitor', lambda *status: status[2]['lost rotors'] == '2', 'the values name the rotor')
+    assert monitor.poll() is None
+
+
+class Imu:
+    """What a monitor hears of a vehicle that loses rotor 2 after half a second in hover."""
+
+    def __init__(self, graph):
+        vehicle = ca_ros.Vehicle.load('hexarotor')
+        settings = PlantSettings(failures=['2@0.5'], time_step=0.005)
+        self.plant = Plant(
+            RigidBody(vehicle), settings, imu=ImuSettings(imu_position=[0.05, 0.0, 0.02]))
+        self.speeds = np.sqrt(vehicle.weight / 6 / vehicle.thrust_per_squared_speed)
+        self.imu = graph.publisher(sensor_msgs.Imu, 'imu')
+        self.pose = graph.publisher(PoseStamped, 'local_position/pose')
+        self.velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
+        self.command = graph.publisher(Float64MultiArray, 'command/motor_speed')
+        self.health = graph.listen(Float64MultiArray, 'rotor_health', STANDING)
+
+    def fly(self, imu=True, states=False):
+        """Take a step of 5 ms; of the states every fourth comes.  Return the health."""
+        state, time = self.plant.step(self.speeds), self.plant.elapsed
+        header = Header(stamp=stamp(time))
+        if imu:
+            measured = state[10:], self.plant.specific_force
+            self.imu.publish(fill_imu(sensor_msgs.Imu(), header, *measured))
+        if states and time % 20_000_000 == 0:
+            parts = state[:3], state[6:10], velocity_in_body(state), state[10:]
+            pose, velocity = state_messages(*parts, header.stamp, '', '')
+            self.pose.publish(pose)
+            self.velocity.publish(velocity)
+        self.command.publish(speeds_message(self.speeds, time))
+        return list(self.health[-1].data) if self.health else []
+
+
+@pytest.mark.parametrize('states', [False, True])
+def test_an_imu_of_its_own_rate_serves_alone_or_beside_the_states(graph, states):
+    place = 'detector.imu_position:=[0.05, 0.0, 0.02]'
+    monitor = graph.start(
+        'monitor', '--vehicle', 'hexarotor', '--ros-args', '-p', place)
+    graph.connect('monitor')
+    vehicle, diagnostics = Imu(graph), Diagnostics(graph)
+    wrong = sensor_msgs.Imu()
+    wrong.linear_acceleration.z = np.nan
+    graph.spin_until(
+        lambda: vehicle.fly(states=states) == [1, 0, 1, 1, 1, 1], 'rotor 2 is named')
+    assert 0.5 < vehicle.plant.elapsed / 1e9 < 1.0
+    count = 'states without a specific force'
+
+    def counted(least, most):
+        def met(*status):
+            vehicle.imu.publish(wrong)
+            vehicle.fly(imu=least == 0, states=states)
+            found = int(status[2].get(count, 0))
+            return 'dropped: imu' in status[2] and least <= found < most
+
+        return met
+
+    # The first states may come before the two have found each other.
+    diagnostics.wait('monitor', counted(0, 10), 'most of 30 states have a force')
+    if states:
+        diagnostics.wait('monitor', counted(10, np.inf), 'without the imu none has')
     assert monitor.poll() is None
 
 

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ca_ros.control.waypoint import Waypoint
+from ca_ros.detection.detector_settings import ImuSettings
 from ca_ros.settings import ParameterError, read, table
 from ca_ros.simulation.closed_loop import fly
 from ca_ros.simulation.drag import Drag, Wind
@@ -334,3 +335,31 @@ def test_a_flight_leaves_its_plant_alone():
     np.testing.assert_array_equal(flown.state, NULL_STATE)
     with pytest.raises(ValueError, match='time_step: the plant has its own'):
         fly(*loop, time_step=0.01)
+
+
+# Accelerometer
+
+
+def test_an_accelerometer_feels_thrust_and_its_own_circle_but_no_weight():
+    """In hover with a turn about z, 0.1 m off the axis; at rest before the first command."""
+    imu = ImuSettings(imu_position=[0.1, 0.0, 0.0], specific_force_noise=1e-9)
+    state = falling(omega=[0.0, 0.0, 2.0])
+    flown = Plant(RigidBody(HEXAROTOR), PlantSettings(sub_steps=5), state, imu=imu)
+    np.testing.assert_allclose(flown.specific_force, [-0.4, 0.0, 9.81], atol=1e-6)
+    flown.step(1.1 * HOVER)
+    np.testing.assert_allclose(flown.specific_force, [-0.4, 0.0, 1.21 * 9.81], atol=1e-6)
+    flown.step(STOPPED)
+    np.testing.assert_allclose(flown.specific_force, [-0.4, 0.0, 0.0], atol=1e-6)
+
+
+def test_an_accelerometer_is_as_late_as_the_state_and_changes_no_bit_of_a_flight():
+    settings = read(PlantSettings, EVERY_EFFECT, 'simulator.')
+    imu = ImuSettings(imu_position=[0.05, 0.0, 0.02])
+    body = body_of(HEXAROTOR, settings)
+    without, flown = Plant(body, settings), Plant(body, settings, imu=imu)
+    for _ in range(50):
+        np.testing.assert_array_equal(without.step(HOVER), flown.step(HOVER))
+    assert without.specific_force is None
+    late = Plant(RigidBody(HEXAROTOR), PlantSettings(state_delay=0.02), imu=imu)
+    up = [late.specific_force[2] for _ in range(5) if late.step(1.5 * HOVER) is not None]
+    np.testing.assert_allclose(up, 9.81 * np.array([1.0, 1.0, 2.25, 2.25, 2.25]), atol=2.0)

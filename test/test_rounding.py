@@ -143,12 +143,11 @@ SHARED = {
         'MOVED': sets_prioritization.MOVED},
     'detector.c': {
         **{name: getattr(hypothesis_test, name) for name in (
-            'CLEAR_LOSS', 'LEAST_LOSS', 'WEAK_LOSS', 'ASKED', 'THRUST_ERROR', 'DRAG_LOST',
+            'CLEAR_LOSS', 'LEAST_LOSS', 'WEAK_LOSS', 'ASKED', 'THRUST_ERROR', 'DRAG_ERROR',
             'LIMIT', 'ODDS', 'TELLING', 'MARGIN', 'CONTACT', 'LASTING', 'SEEN', 'PRIOR', 'NEAR',
             'PAIRED')},
         **{name: getattr(failure_detector, name) for name in (
-            'CONFIRMATIONS', 'REFINED', 'USELESS', 'TOTAL', 'CERTAIN', 'SUSPICION', 'PATIENCE',
-            'ACQUAINTED', 'SETTLING')},
+            'CONFIRMATIONS', 'REFINED', 'USELESS', 'TOTAL', 'CERTAIN', 'SUSPICION', 'PATIENCE')},
         **{name: getattr(noise_estimator, name) for name in (
             'FLOOR', 'OUTLIER', 'TIME_ERROR', 'LEARNT')},
         'LEARNING': noise_estimator.LEARNING[0], 'LONG_LEARNING': noise_estimator.LEARNING[1],

@@ -102,15 +102,16 @@ def test_the_policy_allows_what_the_nodes_have_and_nothing_else(graph, tmp_path,
     foreign = [
         word for option, name in REPLACEMENTS.items()
         for word in (f'--{option}', shlex.join(executable(name)))]
+    place = '-p', 'detector.imu_position:=[0.0, 0.0, 0.0]'
     bringup = graph.start(
         'bringup', '--duration', '1e6', '--fail', '1@1e5', '--view', *foreign,
         '--namespace', namespace, '--out', str(tmp_path), '--ros-args',
         '-p', 'simulator.publish_clock:=true', '-p', 'simulator.real_time_factor:=0.1',
         '-p', 'rotors.thrust_curve.pwm:=[1000.0, 2000.0]', '-p', 'rotors.speed_max_per_volt:=30.0',
-        '-p', 'rotors.tilt_axes:=[1.0, 0.0, 0.0]', '-p', 'rotors.tilt_max:=0.3')
+        '-p', 'rotors.tilt_axes:=[1.0, 0.0, 0.0]', '-p', 'rotors.tilt_max:=0.3', *place)
     graph.start(
         'monitor', '--vehicle', 'hexarotor_tilting', '--ros-args', '-r', f'__ns:={namespace}',
-        '--enclave', f'{namespace.rstrip("/")}/monitor')
+        *place, '--enclave', f'{namespace.rstrip("/")}/monitor')
     seen = {}
 
     def agree():

@@ -2,12 +2,31 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ca_ros.settings import Numbers, Settings, setting
 from ca_ros.vehicle.settings import XYZ
 
 
 @dataclass(frozen=True, kw_only=True)
-class DetectorSettings(Settings):
+class ImuSettings(Settings):
+    """The accelerometer, as detector and simulator take it."""
+
+    specific_force_noise: float = setting(
+        0.3, 'standard deviation of the measured specific force, a third of which is the least '
+        'that the detector learns', unit='m/s^2', positive=True)
+    imu_position: Numbers = setting(
+        0.0, 'place of the accelerometer, x, y, z from the centre of mass; 0: monitor and '
+        'simulator have none', unit='m', sizes=XYZ)
+
+    @property
+    def has_imu(self) -> bool:
+        """Whether there is an accelerometer: a place of three numbers is given."""
+        return np.size(self.imu_position) == 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectorSettings(ImuSettings):
     """What the detector of rotor failures assumes and promises."""
 
     motor_time_constant: float = setting(
@@ -28,8 +47,3 @@ class DetectorSettings(Settings):
         0.02,
         'standard deviation of measured angular velocities, from which the detector begins to '
         'learn it', unit='rad/s', positive=True)
-    specific_force_noise: float = setting(
-        0.3, 'standard deviation of the measured specific force, a third of which is the least '
-        'that the detector learns', unit='m/s^2', positive=True)
-    imu_position: Numbers = setting(
-        0.0, 'place of the accelerometer, x, y, z from the centre of mass', unit='m', sizes=XYZ)

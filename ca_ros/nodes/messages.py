@@ -181,6 +181,21 @@ def twist_arrays(message: TwistStamped) -> tuple[Array, Array]:
     return np.array([v.x, v.y, v.z]), np.array([w.x, w.y, w.z])
 
 
+def imu_arrays(message: Any) -> tuple[Array, Array]:
+    """Return angular velocity (3,) [rad/s] and specific force (3,) [m/s^2] of an Imu."""
+    w, f = message.angular_velocity, message.linear_acceleration
+    return np.array([w.x, w.y, w.z]), np.array([f.x, f.y, f.z])
+
+
+def fill_imu(message: Any, header: Header, angular_velocity: Array, force: Array) -> Any:
+    """Refill an Imu with angular velocity (3,) [rad/s] and specific force (3,) [m/s^2]."""
+    message.header = header
+    w, f = message.angular_velocity, message.linear_acceleration
+    w.x, w.y, w.z = angular_velocity.tolist()
+    f.x, f.y, f.z = force.tolist()
+    return message
+
+
 def wrench_message(wrench: Array, header: Header) -> WrenchStamped:
     """Return a wrench (6,), force before torque [N, N m]."""
     message = WrenchStamped(header=header)

@@ -9,7 +9,9 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
-from ca_ros.control.momentum_observer import RESTART
+from ca_ros.arrays import Array
+from ca_ros.control.momentum_observer import GAP, RESTART
+from ca_ros.detection.inertial import InertialMotion, SpecificForces
 from ca_ros.detection.kernel_detector import Detector, make_detector
 from ca_ros.detection.lag_check import LagCheck
 from ca_ros.detection.speed_residual import oldest_measurement
@@ -19,11 +21,12 @@ from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import NO_EVENTS, Streams
-from ca_ros.nodes.topics import COMMAND, standing
+from ca_ros.nodes.topics import COMMAND, Topic, standing
 from ca_ros.nodes.watchdog import CommandWatch
 from ca_ros.parameter_files import MonitorSettings
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.command_bounds import CommandBounds
+from ca_ros.vehicle.state import STATE_MAX
 
 FOUND = 'failure found of rotor '
 """Name of the values of the diagnostics that say when a failure was found."""
@@ -37,6 +40,11 @@ class MonitorNode(Node):
 
     Where the clock counts, `rotor_health` is published when it changes, otherwise for each state.
     A failure holds until the service ``~/reset``, also if the monitor ends.
+
+    With `detector.imu_position` it also takes `imu`: between two states the mean of its specific
+    force takes the place of the change of velocity.  In real time, while no state comes, angular
+    velocity and specific force alone are observed.  In lockstep a state waits for the message of
+    its stamp.
 
     The arguments are those of `rclpy.node.Node`.  Raises a ParameterError if a parameter is
     missing or wrong.
@@ -56,6 +64,8 @@ class MonitorNode(Node):
         self._ahead: int | None = None
         self._settled = 0
         self._published: object = None
+        self._forces = SpecificForces() if settings.detector.has_imu else None
+        self._alone: InertialMotion | None = None
         self.diagnostics = Diagnostics(self, 'detection', str(settings.vehicle.name))
         self._counts = self.diagnostics.counts
         self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._use)
@@ -72,6 +82,8 @@ class MonitorNode(Node):
         self.belief.subscribe_announcements(self.streams)
         restart = topics.STATE_RESTART
         self.create_subscription(restart.kind, restart.name, self._receive_restart, COMMAND)
+        if self._forces is not None:
+            self._subscribe_imu()
         self.streams.subscribe(topics.POSE, self._receive_pose)
         self.streams.subscribe(topics.VELOCITY, self._receive_velocity)
         if self._mode.clocked:
@@ -83,6 +95,12 @@ class MonitorNode(Node):
         self.diagnostics.start(
             self._levels, self._values, self.streams, self.watchdog.watch,
             self._publish_announced, log=self.belief.log)
+
+    def _subscribe_imu(self) -> None:
+        # Only this needs the package of the message.
+        from sensor_msgs.msg import Imu
+
+        self.streams.subscribe(Topic(topics.IMU, Imu), self._receive_imu)
 
     def _use(self) -> None:
         self.detector: Detector = self.belief.built
@@ -111,7 +129,8 @@ class MonitorNode(Node):
         if failed:
             return ERROR, ', '.join(failed)
         if not self.watchdog.awake:
-            return STALE, 'no state yet'
+            missing = self._forces and self._forces.time is None and f', no {topics.IMU} either'
+            return STALE, f'no state yet{missing or ""}'
         if detector.suspect is not None:
             return WARN, f'rotor {detector.suspect + 1} suspected'
         if self._lag_check.fault:
@@ -186,34 +205,65 @@ class MonitorNode(Node):
         self._velocity = message
         self._observe()
 
+    def _receive_imu(self, message: Any) -> None:
+        time, forces = messages.nanoseconds(message.header.stamp), self._forces
+        assert forces is not None
+        angular_velocity, force = messages.imu_arrays(message)
+        if not (abs(np.concatenate([angular_velocity, force])) <= STATE_MAX).all():
+            self.diagnostics.drop('imu', f'{topics.IMU}: expected numbers up to {STATE_MAX:g}')
+            return
+        last = forces.time
+        forces.add(time, force)
+        if not self._mode.clocked:
+            self._observe()
+        elif self._pose is None or self._velocity is None:
+            step = 0 if last is None else time - last
+            if not self._alone or not 0 <= step < GAP:
+                self._alone = InertialMotion(self.detector.vehicle.gravity)
+            self._alone.turn(step / 1e9, angular_velocity, force)
+            velocity = self._alone.move(step / 1e9, force)
+            self._take(time, self._alone.attitude, (velocity, angular_velocity), force)
+
     def _observe(self) -> None:
         pose, velocity = self._pose, self._velocity
         if pose is None or velocity is None or pose.header.stamp != velocity.header.stamp:
             return
         time = messages.nanoseconds(pose.header.stamp)
         each = not self._mode.clocked
+        if each and self._forces is not None and self._forces.time != time:
+            return
         if time == self._observed:
             if each:
                 self._publish(time)
             return
-        if each and self._observed is not None:
-            if time < self._observed:
-                self._counts['restarts'] += 1
-                self._commanded = None
-            elif self._commanded is None or self._commanded < self._observed:
-                # The command that answers the state before is still to come.
+        if each and self._observed is not None and self._commanded != self._observed:
+            # The command that answers the state before is still to come.
+            if time > self._observed:
                 if time == self._ahead:
                     # Its sender may not have known of this node yet: this asks for it again.
                     self._publish(self._observed)
                 self._ahead = time
                 return
+            self._counts['restarts'] += 1
+        force = None
+        if self._forces is not None and self._observed is not None:
+            force = self._forces.mean(self._observed, time)
+            self._counts['states without a specific force'] += force is None
         _, attitude = messages.pose_arrays(pose)
-        motion = messages.twist_arrays(velocity)
+        if self._alone is not None:
+            # Attitude and velocity begin anew.
+            self._alone, self._settled = None, max(self._settled, time + 1)
+        self._take(time, attitude, messages.twist_arrays(velocity), force)
+
+    def _take(
+        self, time: int, attitude: Array, motion: tuple[Array, Array], force: Array | None
+    ) -> None:
+        """Observe a state: velocity and angular velocity are its motion."""
         if time < self._settled:
             self.detector.interrupt()
             self._lag_check.interrupt()
         try:
-            changed = self.detector.observe(time, attitude, *motion)
+            changed = self.detector.observe(time, attitude, *motion, force)
         except ValueError as error:
             self.diagnostics.drop('state', f'state: {error}')
             return
@@ -223,7 +273,7 @@ class MonitorNode(Node):
         self._mode.advance(time)
         if not self.detector.standing:
             self._lag_check.observe(time, motion[1], self.detector.health)
-        if changed or each:
+        if changed or not self._mode.clocked:
             self._publish(time)
 
     def _publish(self, time: int | None) -> None:

@@ -17,7 +17,7 @@ from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import STEADY, Streams
-from ca_ros.nodes.topics import DEPTH
+from ca_ros.nodes.topics import DEPTH, Topic
 from ca_ros.nodes.watchdog import CommandWatch, fallback
 from ca_ros.parameter_files import SimulatorSettings
 from ca_ros.simulation.plant import Plant, body_of
@@ -56,7 +56,8 @@ class SimulatorNode(Node):
         self._mode, self._resting = self.parameters.mode, True
         self._repeats, self._discarded, self._fault = 0, '', ''
         vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors)
-        self.plant = Plant(body_of(vehicle, settings.simulator), settings.simulator)
+        body = body_of(vehicle, settings.simulator)
+        self.plant = Plant(body, settings.simulator, imu=settings.detector)
         self._bounds = CommandBounds(vehicle)
         self.parameters.on_change(self._read_failures, self._set_failures)
         self.diagnostics = Diagnostics(self, 'simulation', str(settings.vehicle.name))
@@ -69,6 +70,12 @@ class SimulatorNode(Node):
         self._step_ns = self.plant.time_step_ns
         self._period_ns = round(self._step_ns / settings.simulator.real_time_factor)
         publish = self.streams.publish
+        if self.plant.specific_force is not None:
+            # Only this needs the package of the message.
+            from sensor_msgs.msg import Imu
+
+            self._imu, self._imu_message = publish(Topic(topics.IMU, Imu)), Imu()
+            self._imu_message.orientation_covariance[0] = -1.0  # it has no orientation
         self._pose, self._velocity = map(publish, (topics.POSE, topics.VELOCITY))
         clock = settings.simulator.publish_clock
         self._odometry = publish(topics.ODOMETRY)
@@ -221,6 +228,9 @@ class SimulatorNode(Node):
         # The clock comes first: nodes that use it must not see stamps of the future.
         if self._ticks is not None:
             self._ticks.publish(Clock(clock=time))
+        if self.plant.specific_force is not None:
+            measured = parts[-1], self.plant.specific_force
+            self._imu.publish(messages.fill_imu(self._imu_message, velocity.header, *measured))
         self._pose.publish(pose)
         self._velocity.publish(velocity)
         if self._odometry.get_subscription_count():

@@ -91,6 +91,7 @@ MARKERS = MarkerArray and Topic('~/markers', MarkerArray, 'viewer', optional=Tru
 
 EFFECTIVENESS = 'effectiveness'  # Float64MultiArray, m by n, of a problem without a vehicle
 EFFECTOR_HEALTH = 'effector_health'  # as rotor_health/announced, of effectors
+IMU = 'imu'  # sensor_msgs/Imu, with `detector.imu_position` alone
 BATTERY = 'battery'  # sensor_msgs/BatteryState, for `rotors.speed_max_per_volt` alone
 
 TOPICS = tuple(topic for topic in list(globals().values()) if isinstance(topic, Topic))

@@ -101,10 +101,13 @@ class Detection:
         self._health = detector.vehicle.health
         self.found: Found = []
 
-    def observe(self, time: int, state: Array) -> list[Change]:
-        """Take a measured state (13,) at a time [ns]; return what failures change, if any."""
+    def observe(self, time: int, state: Array, specific_force: Array | None) -> list[Change]:
+        """Take a measured state (13,) at a time [ns]; return what failures change, if any.
+
+        `specific_force` (3,): of an accelerometer, if there is one [m/s^2].
+        """
         motion = velocity_in_body(state), state[ANGULAR_VELOCITY]
-        if not self.detector.observe(time, state[ATTITUDE], *motion):
+        if not self.detector.observe(time, state[ATTITUDE], *motion, specific_force):
             return []
         found = self.detector.health, self.detector.failed_arms
         self.found.append((time, *found))
@@ -155,7 +158,7 @@ def fly(
         while pending and pending[-1].time <= now:
             due.append(pending.pop())
         if detection:
-            due += detection.observe(now, state)
+            due += detection.observe(now, state, plant.specific_force)
         for change in due:
             pilot.take(change)
             if detection and change.announced is not None:

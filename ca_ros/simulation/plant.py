@@ -8,12 +8,13 @@ from math import hypot
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.detection.detector_settings import ImuSettings
 from ca_ros.settings import ParameterError
 from ca_ros.simulation.drag import Drag, Wind
 from ca_ros.simulation.plant_settings import PlantSettings
 from ca_ros.simulation.rigid_body import Integrator, RigidBody, euler
 from ca_ros.simulation.rotor_failures import RotorFailures
-from ca_ros.simulation.sensors import Sensors, delay_line
+from ca_ros.simulation.sensors import Accelerometer, Sensors, delay_line
 from ca_ros.vehicle.motor_lag import ServoLag, lagged, mean_speeds
 from ca_ros.vehicle.settings import triple
 from ca_ros.vehicle.state import ANGULAR_VELOCITY, POSITION, VELOCITY
@@ -53,7 +54,7 @@ class Plant:
 
     `settings`: all effects are off by default.  `state` (13,): initial state, see
     `ca_ros.simulation.rigid_body`; by default that of the settings.  `integrate`: what takes a
-    sub-step.
+    sub-step.  `imu`: an accelerometer, if it is given and has a place.
 
     - `body`: the body that moves; setting it replaces the one with which flights start, on which
       the failures act that are due
@@ -62,16 +63,18 @@ class Plant:
     - `elapsed`: time of the flight, of the steps since the start [ns]
     - `state` (13,): the true state
     - `measured` (13,): the state as it is measured: late, and with noise and bias
+    - `specific_force` (3,): what the accelerometer measures, in the mean of the step, as late as
+      the state [m/s^2]; None without one
     - `speeds` (n,): the true rotor speeds [rad/s], and after them the servo angles [rad], if there
       are any
     """
 
     def __init__(
         self, body: RigidBody, settings: PlantSettings | None = None, state: Array | None = None,
-        integrate: Integrator = euler,
+        integrate: Integrator = euler, imu: ImuSettings | None = None,
     ) -> None:
         settings = PlantSettings() if settings is None else settings
-        self._settings, self.elapsed = settings, 0
+        self._settings, self._imu, self.elapsed = settings, imu, 0
         self._start = self._body = body
         self.failures = RotorFailures.read(settings.failures)
         self.time_step_ns = round(settings.time_step * 1e9)
@@ -84,7 +87,7 @@ class Plant:
         if self._grounded and self.state[POSITION][2] < 0.0:
             at = f'z = {self.state[2]:g} m'
             raise ParameterError(f'simulator.ground: the vehicle starts below it, at {at}')
-        gusts, noise = np.random.default_rng(settings.seed).spawn(2)
+        gusts, noise, vibration = np.random.default_rng(settings.seed).spawn(3)
         wind = triple(settings.wind), triple(settings.gust_intensity), GUST_TIME
         self._wind = Wind(*wind, gusts)
         windy = self._wind.mean.any() or self._wind.intensity.any()
@@ -104,12 +107,18 @@ class Plant:
             for kind in ('noise', 'bias')
         )
         self._sensors = Sensors(deviation, bias, noise)
-        self._late = self.state
+        self._late = [self.state, self.state]
+        self._accelerometer: Accelerometer | None = None
+        self.specific_force: Array | None = None
+        if imu is not None and imu.has_imu:
+            place, gravity = triple(imu.imu_position), body.vehicle.gravity
+            self._accelerometer = Accelerometer(
+                place, imu.specific_force_noise, gravity, vibration)
         self.measure()
 
     def restarted(self, state: Array | None = None) -> Plant:
         """Return a plant with the same body and settings in the initial state, or another."""
-        plant = Plant(self._start, self._settings, state, self._integrate)
+        plant = Plant(self._start, self._settings, state, self._integrate, self._imu)
         plant.failures = self.failures
         return plant
 
@@ -158,6 +167,7 @@ class Plant:
             self._fail()
         self.elapsed += self.time_step_ns
         state, step, n = self.state, self._sub_step, self.body.vehicle.n
+        late = self._late[-1:]
         for _ in range(self._sub_steps):
             self._commands.append(command)
             given = self._commands.popleft()
@@ -174,13 +184,15 @@ class Plant:
             if self._grounded:
                 state = stopped_by_ground(state)
             self._states.append(state)
-            late = self._states.popleft()
+            late.append(self._states.popleft())
         self.state, self._late = state, late
         return self.measure()
 
     def measure(self) -> Array:
         """Measure the state with new noise, as each step does; return the measured state (13,)."""
-        self.measured = self._sensors(self._late)
+        self.measured = self._sensors(self._late[-1])
+        if self._accelerometer is not None:
+            self.specific_force = self._accelerometer(self._late, self._sub_step)
         return self.measured
 
 

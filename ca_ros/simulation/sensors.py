@@ -1,13 +1,15 @@
-"""Sensors: the state as it is measured, with noise, bias and a delay by whole steps."""
+"""Sensors: state and specific force as they are measured, with noise, bias and a delay."""
 
 from collections import deque
+from collections.abc import Sequence
+from itertools import pairwise
 from math import hypot
 
 import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError
-from ca_ros.vehicle.state import ATTITUDE
+from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, VELOCITY, cross, rotation_matrix
 
 
 class Sensors:
@@ -32,6 +34,31 @@ class Sensors:
         error = self.bias + self.noise * self._rng.standard_normal(12)
         turned = turn(state[ATTITUDE], error[6:9])
         return np.concatenate([state[:6] + error[:6], turned, state[10:] + error[9:]])
+
+
+class Accelerometer:
+    """The mean specific force over the last sub-steps, with white Gaussian noise.
+
+    `place` (3,): from the centre of mass [m].  `noise`: standard deviation [m/s^2].
+    """
+
+    def __init__(
+        self, place: Array, noise: float, gravity: float, rng: np.random.Generator
+    ) -> None:
+        self._place, self._noise, self._rng = place, noise, rng
+        self._gravity = np.array([0.0, 0.0, gravity])
+
+    def __call__(self, states: Sequence[Array], step: float) -> Array:
+        """Return a measurement (3,) of states (13,) that are a sub-step [s] apart."""
+        total = np.zeros(3)
+        for before, after in pairwise(states):
+            change = (after - before) / step
+            omega, place = before[ANGULAR_VELOCITY], self._place
+            felt = rotation_matrix(before[ATTITUDE]).T @ (change[VELOCITY] + self._gravity)
+            total += felt + cross(change[ANGULAR_VELOCITY], place)
+            total += cross(omega, cross(omega, place))
+        noise = self._noise * self._rng.standard_normal(3)
+        return np.asarray(total / (len(states) - 1) + noise)
 
 
 def turn(quaternion: Array, rotation: Array) -> Array:

@@ -124,7 +124,7 @@ class Case:
 
     def plant(self) -> Plant:
         """Return the plant, with all effects of the parameters ``simulator.*``."""
-        return Plant(self.body(), self.flown.simulator)
+        return Plant(self.body(), self.flown.simulator, imu=self.flown.detector)
 
     def reconfiguration(
         self, method: str, controller: Controller, allocator: Allocator,

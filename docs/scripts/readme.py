@@ -12,8 +12,10 @@ from pages import DOCS, filled
 from ca_ros import ALLOCATORS, settings
 from ca_ros.parameter_files import DECLARED, MonitorSettings, Px4NodeSettings
 
+# The monitor's come before the simulator's, which share some of them.
 TABLES = {
-    **DECLARED, 'px4': Px4NodeSettings, 'monitor': MonitorSettings,
+    'allocator': DECLARED['allocator'], 'controller': DECLARED['controller'],
+    'monitor': MonitorSettings, 'simulator': DECLARED['simulator'], 'px4': Px4NodeSettings,
 }
 
 PAGES = (DOCS.parent / 'README.md', DOCS / 'parameters.md')
