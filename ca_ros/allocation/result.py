@@ -101,8 +101,11 @@ class Answer(Generic[Number]):
 
     @property
     def command(self) -> Array:
-        """What a simulated vehicle takes: the speeds, and the angles behind them (n + k,)."""
-        return vehicle_problem(self.problem).command(self.thrusts)
+        """What a vehicle takes: the speeds, and the angles behind them (n + k,).
+
+        Of a problem without a vehicle the effectors (n,), within their bounds.
+        """
+        return self.problem.command(self.thrusts)
 
     @property
     def wrench(self) -> Array:

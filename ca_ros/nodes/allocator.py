@@ -55,10 +55,6 @@ class Effectors:
         self.label = ', '.join(f'{name}{unit}' for name in problem.effector_names)
         self.n = problem.n
 
-    def command(self, answer: Allocation) -> Array:
-        """Return the effectors (n,) of an answer."""
-        return self.problem.clip(answer.effectors)
-
     def at_rest(self, action: str, last: Array) -> Array:
         """Return the effectors (n,) of a timeout action after the last ones."""
         return last if action == 'hold' else self.idle

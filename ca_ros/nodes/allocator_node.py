@@ -240,7 +240,7 @@ class AllocatorNode(Node):
                 raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
             status = Status(answer.status)
             # Speeds out of bounds never reach the motors, even if a method returns them.
-            found = effectors.command(answer)
+            found = answer.command
         except Exception:
             # A method may be anybody's, and one command must not end a flight.
             self.diagnostics.drop('answer', f'a fault of the method: {format_exc().rstrip()}')

@@ -37,10 +37,6 @@ class Rotors:
         self.idle: Array = self.vehicle.idle_command
         self.lost: Any = self.vehicle.lost
 
-    def command(self, answer: Allocation) -> Array:
-        """Return the command (n + k,) of an answer."""
-        return answer.command
-
     def at_rest(self, action: str, last: Array) -> Array:
         """Return the command of a timeout action after the last one.
 

@@ -429,6 +429,10 @@ class AllocationProblem:
         """The least and greatest commands (n,): of effectors they are their values."""
         return self.lower, self.upper
 
+    def command(self, thrusts: Array) -> Array:
+        """Return the commands (..., n) that give effectors (..., n), within their bounds."""
+        return self.clip(thrusts)
+
     def commanded(self, commands: Array) -> Array:
         """Return the effectors (..., n) that commands (..., n) give."""
         return commands
