@@ -135,8 +135,8 @@ SHARED = {
     'priorities.h': {
         'CA_LAG': prioritization.LAG, 'CA_LAG_RATIO': prioritization.LAG_RATIO},
     'vectored_newton.c': {name: getattr(sets_qp, name) for name in (
-        'STEPS', 'TRIALS', 'ROUNDING', 'FLAT', 'DAMPING', 'PULLS', 'GROWTH', 'PULL_MAX', 'FAR',
-        'GAP')},
+        'STEPS', 'TRIALS', 'ROUNDING', 'FLAT', 'DAMPING', 'PULLS', 'HALVINGS', 'GROWTH',
+        'PULL_MAX', 'FAR', 'GAP')},
     'vectored_priorities.c': {
         'LEVEL': faces.LEVEL, 'DEPENDENT': faces.DEPENDENT, 'STILL': sets_prioritization.STILL,
         'PRIORITY_TOLERANCE': sets_prioritization.PRIORITY_TOLERANCE,

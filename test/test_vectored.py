@@ -268,6 +268,32 @@ def test_scale_begins_at_an_attainable_wrench_and_stays_on_its_line(seed):
             assert exact.allocate(begin + (share + 2e-9) * way).status.name != 'EXACT'
 
 
+def test_scale_stays_on_its_line_at_the_tip_of_a_half_disc():
+    """Where the vector of a sector vanishes, the pulls along a line lose it."""
+    problem = AllocationProblem([
+        [0.1, -0.15, 0.1, 0.26, 0.2, 0.36, -0.043, -0.078],
+        [-2.5, -5.3, 2.4, 1.7, -0.82, -2.3, -2.6, 2.0],
+        [-0.047, -0.089, -0.11, -0.14, 0.29, -0.044, -0.14, 0.2],
+        [17.0, 20.0, 3.9, 24.0, 7.5, -7.2, 28.0, -33.0],
+        [-3.2, 0.087, 0.082, 4.5, 2.1, -2.4, -0.3, -0.3],
+    ], sets=[Sector(np.pi / 2, 0.304), Sector(np.pi / 2, 1.267, 3), Sector(0.735, 0.557, 3)])
+    exact = make_allocator('exact', problem, policy='scale', residual_slack=0.0)
+    begin, rng = AdmissibleSet(problem).reference, seeded(0)
+    reference = SetsNewton(problem.gamma, problem.sets)
+    normals = rng.normal(size=(length(400, 6000), 5))
+    ends = problem.sets.farthest(normals @ problem.gamma) @ problem.gamma.T
+    for i, u in enumerate(ends * rng.choice([1.0 + 1e-9, 1.0 + 1e-6, 1.0 + 1e-5], (len(ends), 1))):
+        answer, way = exact.allocate(u), u - begin
+        share = (answer.wrench - begin) @ way / (way @ way)
+        off = answer.wrench - begin - share * way
+        assert np.abs(off / problem.extent).max() < 2e-9
+        if i % 50 == 0:
+            line = reference.line(begin, way, 1.0)
+            off = problem.gamma @ line.point - begin - line.length * way
+            assert np.abs(off / problem.extent).max() < 2e-9
+            assert line.length == pytest.approx(share, abs=2e-9)
+
+
 @pytest.mark.parametrize('name', PROBLEMS)
 def test_prioritize_serves_one_axis_after_the_other(name):
     """Step by step Clarabel serves no more; it may move the axes before by 1e-11 of their range.

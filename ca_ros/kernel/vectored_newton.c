@@ -15,6 +15,7 @@
 #define DAMPING CA_REAL(0.01) /* of steps for a line, so that they are not much longer than y */
 #define GROWTH 4 /* of the pull */
 #define GAP CA_CHOOSE(5e-10, 1e-4)      /* by which a line may be too short, as a share of it */
+#define HALVINGS 40 /* of the rest of a line */
 #define PULL_MAX CA_CHOOSE(1e7, 1e3)    /* greatest weight of the length of a line */
 #define DISTANT CA_CHOOSE(1e140, 1e16) /* components, whose squares are finite */
 #define FAR CA_CHOOSE(1e20, 1e10) /* multipliers, in units of the greatest deviation, that say no more */
@@ -467,13 +468,49 @@ static void bound(const ca_vectored *p, const ca_real *begin, const ca_real *y, 
     }
 }
 
+/* Whether vectors produce the wrench of a line at a length of it. */
+static int is_near(const ca_vectored *p, const ca_real *begin, const ca_real *way, ca_real t,
+                   const ca_real *x)
+{
+    const int m = AXES(p);
+    ca_real left[CA_M];
+    for (int k = 0; k < m; k++)
+        left[k] = ca_dot(COMPONENTS(p), p->matrix[k], x) - begin[k] - t * way[k];
+    return ca_length(m, left) <= GAP * t * ca_length(m, way);
+}
+
+/* The length of a line whose end the pulls have lost: x are the vectors at `low`, which is negative if
+ * there are none, and `high` is beyond the end. */
+static ca_real halve(const ca_vectored *p, const ca_real *begin, const ca_real *way, ca_real low,
+                     ca_real high, iterate pair[2], ca_real *x, ca_vectored_answer *answer)
+{
+    ca_real u[CA_M];
+    goal g;
+    for (int i = 0; i < HALVINGS && high - low > GAP * high; i++) {
+        const ca_real t = low < 0 ? 0 : (low + high) / 2;
+        for (int k = 0; k < AXES(p); k++)
+            u[k] = begin[k] + t * way[k];
+        aim_at(p, u, &g);
+        ca_copy(AXES(p), g.y, pair[0].y);
+        const iterate *at = newton(p, &g, pair, answer);
+        if (answer->attained || low < 0) {
+            low = t;
+            ca_copy(COMPONENTS(p), at->x, x);
+        } else {
+            high = t;
+        }
+    }
+    return low;
+}
+
 /* The vectors minimise the cost less a pull times t. While the pull grows, t goes to its greatest
  * value, and the multipliers to the normal there. */
 void ca_vectored_line(const ca_vectored *p, const ca_real *begin, const ca_real *way, ca_real end,
                       ca_real *x, ca_vectored_answer *answer)
 {
     const int m = AXES(p), n = COMPONENTS(p);
-    ca_real e[CA_M], u[CA_M], pull = p->greatest, t = 0;
+    ca_real e[CA_M], u[CA_M], pull = p->greatest, t = 0, reached = -1;
+    int met = 0;
     iterate pair[2];
     const iterate *at = pair;
     goal g;
@@ -505,6 +542,11 @@ void ca_vectored_line(const ca_vectored *p, const ca_real *begin, const ca_real 
             t += ca_dot(m, p->coordinates[k], left) * e[k] / size;
         if (t >= end)
             break;
+        met = answer->attained;
+        if (met) {
+            reached = t;
+            ca_copy(n, at->x, x);
+        }
         /* The path of the multipliers goes on along its tangent, which tends to the normal. At a
          * corner there are many: by turns the one nearest to the multipliers, or to the way. */
         curvature(p, at, h);
@@ -527,17 +569,31 @@ void ca_vectored_line(const ca_vectored *p, const ca_real *begin, const ca_real 
             pair[0].y[k] = at->y[k] + (GROWTH - 1) * pull * tangent[k];
         pull *= GROWTH;
     }
-    answer->attained = 0;
     if (t >= end) {
+        ca_real y[CA_M];
+        ca_copy(m, at->y, y);
         for (int k = 0; k < m; k++)
             u[k] = begin[k] + end * way[k];
         aim_at(p, u, &g);
-        ca_copy(m, at->y, pair[0].y);
+        ca_copy(m, y, pair[0].y);
         at = newton(p, &g, pair, answer);
-        multipliers(p, at->y, answer->y);
-        t = answer->most = end;
+        met = answer->attained || is_near(p, begin, way, end, at->x);
+        if (met) {
+            multipliers(p, at->y, answer->y);
+            t = answer->most = end;
+        } else {
+            bound(p, begin, y, size * ca_dot(m, y, e), answer);
+        }
+    } else {
+        answer->attained = 0;
+        met = met || is_near(p, begin, way, t, at->x);
+    }
+    if (met) {
+        ca_copy(n, at->x, x);
+    } else {
+        t = halve(p, begin, way, reached, ca_min(end, answer->most), pair, x, answer);
+        answer->attained = 0;
     }
     answer->level = ca_max(t, 0);
     answer->status = CA_SCALED;
-    ca_copy(n, at->x, x);
 }

@@ -19,6 +19,7 @@ GROWTH = 4.0  # of the pull
 PULL_MAX = 1e7  # in units of the greatest deviation
 FAR = 1e20  # multipliers, in units of the greatest deviation, that say no more
 GAP = 5e-10  # by which a line may be too short, as a share of it
+HALVINGS = 40  # limit of those of the rest of a line
 
 
 class SetsSolution(NamedTuple):
@@ -116,28 +117,64 @@ class SetsNewton:
             point, normal, *_ = self._solve(begin, self.coordinates @ begin)
             return Line(point, end, end, normal)
         e, pull, bounds = y / size, self.greatest, list[tuple[float, Array]]()
-        y = pull * e
+        y, reached, last = pull * e, -1.0, self.preferred
         for trial in range(PULLS):
             goal = TOLERANCE * max(self.greatest, pull / 1000.0)
-            y = self._newton(begin, y, goal, e)[0]
+            y, met, _ = self._newton(begin, y, goal, e)
             points, rate = self._at(y)
             length = float(e @ self.coordinates @ (self.matrix @ points - begin)) / size
             if length >= end:
                 found = self._solve(begin + end * way, y)
-                return Line(found[0], end, end, found[1])
+                if found[2] or self._near(begin, way, end, found[0]):
+                    return Line(found[0], end, end, found[1])
+                met = False
+                bounds.append(self._bound(begin, way, y))
+                break
+            if met:
+                reached, last = length, points
             bend = self._curvature(rate)
             # At a corner there are many: by turns that nearest to the multipliers, or to the way.
             near = e if trial % 2 else y / (y @ e)
             tangent = near + _beside(bend, e, -bend @ near, 0.0)
-            for normal in (tangent @ self.coordinates, y @ self.coordinates):
-                most = float(self.sets.support(normal @ self.matrix) - normal @ begin)
-                bounds.append((most / float(normal @ way), normal))
-            most, normal = min(bounds, key=lambda bound: bound[0])
+            bounds += [self._bound(begin, way, tangent), self._bound(begin, way, y)]
+            most = min(bounds, key=lambda bound: bound[0])[0]
             if most - length <= GAP * length or pull >= PULL_MAX * self.greatest:
                 break
             y = y + (GROWTH - 1.0) * pull * tangent
             pull *= GROWTH
+        most, normal = min(bounds, key=lambda bound: bound[0])
+        if not met and (length >= end or not self._near(begin, way, length, points)):
+            points, length = self._halved(begin, way, reached, min(end, most), last)
         return Line(points, max(length, 0.0), most, normal)
+
+    def _bound(self, begin: Array, way: Array, y: Array) -> tuple[float, Array]:
+        """Return the length of a line by the plane normal to multipliers of the basis, and it."""
+        normal = y @ self.coordinates
+        most = float(self.sets.support(normal @ self.matrix) - normal @ begin)
+        return most / float(normal @ way), normal
+
+    def _near(self, begin: Array, way: Array, length: float, points: Array) -> bool:
+        """Tell whether points (n,) produce the wrench of a line at a length of it."""
+        missed = self.matrix @ points - begin - length * way
+        return float(np.linalg.norm(missed)) <= GAP * length * float(np.linalg.norm(way))
+
+    def _halved(
+        self, begin: Array, way: Array, low: float, high: float, points: Array
+    ) -> tuple[Array, float]:
+        """Return points (n,) and length for a line whose end the pulls have lost.
+
+        `points` are those at `low`, which is negative if there are none; `high` is beyond the end.
+        """
+        for _ in range(HALVINGS):
+            if high - low <= GAP * high:
+                break
+            middle = 0.0 if low < 0.0 else (low + high) / 2.0
+            found = self.solve((begin + middle * way)[None])
+            if found.attained[0] or low < 0.0:
+                low, points = middle, found.points[0]
+            else:
+                high = middle
+        return points, low
 
     def _solve(self, u: Array, y: Array) -> tuple[Array, Array, bool, bool]:
         """Solve for one wrench, from multipliers y of the basis on."""
