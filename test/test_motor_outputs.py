@@ -126,7 +126,7 @@ def test_a_problem_without_a_vehicle_in_the_node(graph):
     healths.publish(Float64MultiArray(data=[1.0, 1.0, 0.5, 1.0, 4.0, 0.1]))
     settles(faster.with_health([1.0, 1.0, 0.5, 1.0], stuck={4: 0.1}))
     diagnostics.wait(
-        'allocator', lambda _, text, values: values['stuck effectors'] == '4', 'a stuck effector')
+        'allocator', lambda *status: status[2].get('stuck effectors') == '4', 'a stuck effector')
     matrices.publish(matrix_message(admire.gamma))
     settles(Exact(admire).with_health([1.0, 1.0, 0.5, 1.0], stuck={4: 0.1}))
     # Without elevons the rudder rolls and yaws: the other axes keep their places in the wrench.

@@ -120,7 +120,7 @@ class Reconfiguration(Generic[Made]):
         report = self._accept(self._declared)
         found = make(settings, report, None) if made is None else made
         self.in_force: Configuration[Made] = Configuration(
-            self._declared, settings, self._own(settings), None, report, found,
+            self._declared, settings, self.own(settings), None, report, found,
             perf_counter() - begun)
 
     def _declare(self, settings: Any) -> Any:
@@ -222,14 +222,14 @@ class Reconfiguration(Generic[Made]):
         Of the arms those whose rotors have the same health.  Raises a ParameterError if there are
         no servos such as those that stick by the settings.
         """
-        health, _, stuck = self._own(settings)
+        health, _, stuck = self.own(settings)
         for each in self.reported.values():
             health, stuck = np.minimum(health, each.health), {**stuck, **each.stuck}
         arms = [arm for each in self.reported.values() for arm in each.arms]
         alike = dict.fromkeys((i, j) for i, j in arms if health[i - 1] == health[j - 1])
         return Failures(health, tuple(alike), stuck)
 
-    def _own(self, settings: Any) -> Failures:
+    def own(self, settings: Any) -> Failures:
         """Return what the settings say of failures."""
         health = repeated(HEALTH, settings.rotors.health, self._declared.n)
         numbers = np.ravel(np.asarray(settings.rotors.stuck_servos, dtype=float))
@@ -280,5 +280,6 @@ class ProblemReconfiguration(Reconfiguration[Made]):
         self._declared = declared
         return self._follow()
 
-    def _own(self, settings: Any) -> Failures:
+    def own(self, settings: Any) -> Failures:
+        """Return what the settings say: that nothing has failed."""
         return Failures(np.ones_like(self._declared.health), (), {})

@@ -76,7 +76,7 @@ class ProblemBelief(Belief):
 
     made_by = ProblemReconfiguration
     health_topic = topics.EFFECTOR_HEALTH
-    sound = 'no effector has failed'
+    sound, stuck = 'no effector has failed', ('effectors', 'effector {} stuck at {:g}')
 
     def subscribe(self, streams: Streams, answer: Callable[[], None]) -> None:
         """Subscribe to matrix and health."""
@@ -85,17 +85,6 @@ class ProblemBelief(Belief):
         receive = partial(self._receive_announcement, name=topics.EFFECTOR_HEALTH)
         quality = topics.standing(self._parameters.mode.name)
         listen(kind, topics.EFFECTOR_HEALTH, receive, quality)
-
-    def values(self) -> Mapping[str, object]:
-        """Return what is in force, for the diagnostics."""
-        now = self.current.in_force
-        health, _, stuck = now.failures
-        lost = (np.flatnonzero(health == 0.0) + 1).tolist()
-        return {
-            'health in use': ', '.join(f'{share:.3g}' for share in health),
-            'lost effectors': ', '.join(map(str, lost)) or 'none',
-            'stuck effectors': ', '.join(map(str, stuck)) or 'none',
-            **self._parameters.mode.values(), 'last build [ms]': f'{1e3 * now.duration:.2f}'}
 
     def _news(self, report: Audit) -> str:
         # A matrix may change all the time.
@@ -119,11 +108,6 @@ class ProblemBelief(Belief):
         except ValueError as error:
             self._diagnostics.counts['refused matrices'] += 1
             self._diagnostics.warn('matrix', f'refused {topics.EFFECTIVENESS}: {error}')
-
-    def _reductions(self, health: Array, stuck: Mapping[int, float]) -> str:
-        found = [f'effector {i + 1} at {health[i]:.3g}' for i in np.flatnonzero(health < 1.0)]
-        found += [f'effector {i} stuck at {value:g}' for i, value in stuck.items()]
-        return ', '.join(found) or self.sound
 
 
 class ProblemAllocatorNode(AllocatorNode):

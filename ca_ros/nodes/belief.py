@@ -11,7 +11,6 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.allocation.reconfiguration import Failures, Reconfiguration
-from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics, Level
 from ca_ros.nodes.messages import failed_arms, read_announcement, speeds_stamp
@@ -20,7 +19,7 @@ from ca_ros.nodes.stream import Streams
 from ca_ros.nodes.topics import STANDING, standing
 from ca_ros.problem.audit import Audit
 from ca_ros.settings import ParameterError
-from ca_ros.vehicle.validation import repeated
+from ca_ros.vehicle.motors import HEALTH_MIN
 
 BATTERY_TIMEOUT = 5.0
 """Time without a sound voltage, after there was one, from which a warning begins [s]."""
@@ -44,6 +43,8 @@ class Belief:
     made_by: ClassVar[Any] = Reconfiguration
     health_topic: ClassVar[str] = topics.ROTOR_HEALTH.name
     sound: ClassVar[str] = 'no rotor below the parameter rotors.health'
+    stuck: ClassVar[tuple[str, str]] = 'servos', 'servo of rotor {} stuck at {:g} rad'
+    """What may stick, and how a log says so."""
 
     def __init__(
         self, node: Node, parameters: Parameters, diagnostics: Diagnostics, make: Make,
@@ -107,7 +108,7 @@ class Belief:
         for name, reported in self.current.reported.items():
             newest, text = self._logged_reports.get(name, (None, self.sound))
             if reported is not newest:
-                now = self._reductions(reported.health, reported.stuck)
+                now = self._reductions(reported)
                 self._logged_reports[name] = reported, now
                 if now != text:
                     self._node.get_logger().warning(f'{name}: {now}')
@@ -153,16 +154,16 @@ class Belief:
 
     def values(self) -> Mapping[str, object]:
         """Return what is in force, for the diagnostics."""
-        now, vehicle, found = self.current.in_force, self.audit.vehicle, dict[str, object]()
+        now, found = self.current.in_force, dict[str, object]()
+        health, _, stuck = now.failures
         if now.voltage is not None:
             found['voltage in use [V]'] = f'{now.voltage:.4g}'
         if self.current.reported:
-            found['health in use'] = ', '.join(f'{share:.3g}' for share in vehicle.health)
-        failed = {'lost rotors': np.flatnonzero(vehicle.lost).tolist()}
-        if stuck := vehicle.servos.stuck_rotors:
-            failed['stuck servos'] = stuck
-        for name, rotors in failed.items():
-            found[name] = ', '.join(f'{i + 1}' for i in rotors) or 'none'
+            found['health in use'] = ', '.join(f'{share:.3g}' for share in health)
+        lost = (np.flatnonzero(health < HEALTH_MIN) + 1).tolist()
+        found[f'lost {self.current.effector}s'] = ', '.join(map(str, lost)) or 'none'
+        if stuck:
+            found[f'stuck {self.stuck[0]}'] = ', '.join(map(str, stuck))
         waiting = self._parameters.mode.values()
         return {**found, **waiting, 'last build [ms]': f'{1e3 * now.duration:.2f}'}
 
@@ -219,10 +220,11 @@ class Belief:
             return
         self._voltage_time = monotonic()
 
-    def _reductions(self, health: Array, stuck: Mapping[int, float]) -> str:
-        """Return in words where a report is below the parameter, and which servos stick."""
-        n = self.audit.vehicle.n
-        parameter = repeated('rotors.health', self._parameters.settings.rotors.health, n)
-        found = [f'rotor {i + 1} at {health[i]:.3g}' for i in np.flatnonzero(health < parameter)]
-        found += [f'servo of rotor {i} stuck at {angle:g} rad' for i, angle in stuck.items()]
+    def _reductions(self, said: Failures) -> str:
+        """Return in words where a report is below the parameter, and what sticks."""
+        health, _, stuck = said
+        parameter = self.current.own(self._parameters.settings).health
+        below = np.flatnonzero(health < parameter).tolist()
+        found = [f'{self.current.effector} {i + 1} at {health[i]:.3g}' for i in below]
+        found += [self.stuck[1].format(*pair) for pair in stuck.items()]
         return ', '.join(found) or self.sound
