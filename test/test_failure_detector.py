@@ -76,7 +76,7 @@ def test_a_lost_rotor_is_found_and_the_vehicle_flies_on(vehicle, n, rotor, delay
     assert np.flatnonzero(flight.speeds[-1] == 0.0).tolist() == [rotor - 1]
 
 
-@pytest.mark.parametrize(('vehicle', 'rotor', 'arm'), [('x8', 2, (1, 2)), ('y6', 5, (5, 6))])
+@pytest.mark.parametrize(('vehicle', 'rotor', 'arm'), [('x8', 1, (1, 2)), ('y6', 1, (1, 2))])
 def test_an_arm_is_named_until_it_shows_which_rotor_has_failed(vehicle, rotor, arm):
     case = Case.load(vehicle, REALISTIC)
     lost = without(case.vehicle.n, **{f'rotor_{rotor}': 0.0})
@@ -143,7 +143,7 @@ def test_a_servo_that_sticks_is_found(vehicle, angle, left):
                  changes=[change], detection=detection)
     detector = detection.detector
     assert detector.since[1] is not None
-    assert 2.0 < detector.since[1] / 1e9 < 3.2
+    assert 2.0 < detector.since[1] / 1e9 < 3.0
     assert detector.since.count(None) == len(health) - 1
     found = float(re.fullmatch('servo sticks at (.*) rad', detector.evidence[1])[1])
     assert found == pytest.approx(angle, abs=0.15)
@@ -156,7 +156,7 @@ def test_a_servo_that_sticks_is_found(vehicle, angle, left):
 def test_a_partial_loss_is_found_and_estimated(left):
     case = Case.load('hexarotor', REALISTIC)
     _, detection = flown(case, {2.0: without(6, rotor_2=left)}, 2.6)
-    assert detection.found[0][0] < 2.25e9
+    assert detection.found[0][0] < 2.15e9
     np.testing.assert_allclose(detection.detector.health, without(6, rotor_2=left), atol=0.1)
 
 
@@ -446,8 +446,7 @@ def test_after_wrong_numbers_a_loss_is_found(long_flight, seed):
     for i, (time, *state, speeds) in enumerate(rows):
         answers(both, 'observe', start + time, *state)
         answers(both, 'command', start + time, speeds)
-        if i == 200:
-            # What the wrong numbers have left in the noise would fade in 20 s.
+        if i == 60:
             for detector in both:
                 detector.reset()
         for _ in range(rng.integers(1, 6) if i < 60 else 0):
@@ -721,12 +720,12 @@ def test_the_evidence_is_a_ratio_of_gaussian_densities():
     wide = variance + (0.16 * HEXAROTOR.weight / 6.0 * levers) ** 2
     np.testing.assert_allclose(
         found.disturbance, density(lacked[0], wide) - nothing, rtol=1e-9)
-    # Rotor 3 with its share of the drag, a force at its place.
-    force = np.append(lateral[0] / 6.0, 0.0)
+    # Rotor 3 with half of its share of the drag, a force at its place.
+    force = np.append(0.5 * lateral[0] / 6.0, 0.0)
     drag = np.concatenate([force, np.cross(HEXAROTOR.arms[2], force)])
     signature = given[0, :, 2] + drag
-    error = (0.16 * 0.16 * np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.04])) ** 2 + (0.5 * drag) ** 2
-    weights = variance**-1
+    error = (0.16 * 0.16 * np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.04])) ** 2 + drag**2
+    weights = (variance + error) ** -1
     first = -(weights * signature) @ lacked[0] / (weights @ signature**2)
     wide = variance + first**2 * error
     information = (signature / wide) @ signature

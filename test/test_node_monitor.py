@@ -41,12 +41,12 @@ IMU = ['detector.imu_position:=[0.05, 0.0, 0.02]', 'simulator.state_delay:=0.01'
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('vehicle', 'changes', 'failure'), [
-    pytest.param('hexarotor_realistic', [], '2@0.5', marks=pytest.mark.long),
-    pytest.param('hexarotor_tilting', SERVOS, '2@0.5', marks=pytest.mark.long),
-    ('hexarotor_tilting', SERVOS, '2@0.5=0.6rad'),
+    pytest.param('hexarotor_realistic', [], '2@1.5', marks=pytest.mark.long),
+    pytest.param('hexarotor_tilting', SERVOS, '2@1.5', marks=pytest.mark.long),
+    ('hexarotor_tilting', SERVOS, '2@1.5=0.6rad'),
     # At first its arm alone is named.
-    ('x8', NOISE, '2@0.5'),
-    ('hexarotor_realistic', IMU, '2@0.5'),
+    ('x8', NOISE, '2@1.5'),
+    ('hexarotor_realistic', IMU, '2@1.5'),
 ])
 def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit(
         graph, tmp_path, vehicle, changes, failure):
@@ -55,11 +55,11 @@ def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit(
     detection = case.detection('exact')
     offline = fly(
         case.controller(), case.allocator('exact'), case.plant(), Waypoint.of(1, 1, 1, np.pi / 4),
-        0.8, detection=detection, failures=failures)
+        1.8, detection=detection, failures=failures)
     offline.write_csv(tmp_path / 'offline.csv')
     flown = fly_over_ros(
-        graph, tmp_path, case, 0.8, '--fail', failure, '--announce', 'never', '--detect')
-    assert 0.5 < detection.found[0][0] / 1e9 < 0.6
+        graph, tmp_path, case, 1.8, '--fail', failure, '--announce', 'never', '--detect')
+    assert 1.5 < detection.found[0][0] / 1e9 < 1.6
     assert detection.found[0][2] == (((1, 2),) if vehicle == 'x8' else ())
     assert detection.detector.health.tolist()[:3] == [1.0, 0.0, 1.0]
     assert flown.read_bytes() == (tmp_path / 'offline.csv').read_bytes()
@@ -170,6 +170,13 @@ def test_in_lockstep_the_monitor_asks_again_for_a_command_that_it_has_not_got(gr
     assert 10_000_000 not in told()
     vehicle.command.publish(speeds_message(np.full(6, 250.0), 0))
     graph.spin_until(lambda: told()[-1] == 10_000_000, 'the health of the next state')
+    # Others may not wait for it: a later command says that the one before does not come.
+    vehicle.sent = 2
+    vehicle.state(w=1.0)
+    vehicle.command.publish(speeds_message(np.full(6, 250.0), 20_000_000))
+    vehicle.sent = 3
+    vehicle.state(w=1.0)
+    graph.spin_until(lambda: told()[-1] == 30_000_000, 'the health of a state after it')
 
 
 def test_no_message_ends_or_blinds_the_monitor(graph):

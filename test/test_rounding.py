@@ -143,11 +143,12 @@ SHARED = {
         'MOVED': sets_prioritization.MOVED},
     'detector.c': {
         **{name: getattr(hypothesis_test, name) for name in (
-            'CLEAR_LOSS', 'LEAST_LOSS', 'WEAK_LOSS', 'ASKED', 'THRUST_ERROR', 'DRAG_ERROR',
+            'CLEAR_LOSS', 'LEAST_LOSS', 'WEAK_LOSS', 'ASKED', 'THRUST_ERROR', 'DRAG_LOST',
             'LIMIT', 'ODDS', 'TELLING', 'MARGIN', 'CONTACT', 'LASTING', 'SEEN', 'PRIOR', 'NEAR',
             'PAIRED')},
         **{name: getattr(failure_detector, name) for name in (
-            'CONFIRMATIONS', 'REFINED', 'USELESS', 'TOTAL', 'CERTAIN', 'SUSPICION', 'PATIENCE')},
+            'CONFIRMATIONS', 'REFINED', 'USELESS', 'TOTAL', 'CERTAIN', 'SUSPICION', 'PATIENCE',
+            'ACQUAINTED', 'SETTLING')},
         **{name: getattr(noise_estimator, name) for name in (
             'FLOOR', 'OUTLIER', 'TIME_ERROR', 'LEARNT')},
         'LEARNING': noise_estimator.LEARNING[0], 'LONG_LEARNING': noise_estimator.LEARNING[1],

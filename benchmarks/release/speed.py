@@ -141,7 +141,7 @@ class Batch(Timed):
 class Prepare(Timed):
     """What comes before a call: audit, set-up, and both after each failure of a rotor."""
 
-    params = ((*VEHICLES, 'hexarotor_tilting'),)
+    params = ((*VEHICLES, 'quadrotor', 'hexarotor_tilting', 'tricopter'),)
     param_names = ('vehicle',)
 
     def setup(self, vehicle: str) -> None:

@@ -21,7 +21,7 @@ from ca_ros.problem.vehicle_problem import vehicle_problem
 class Status(IntEnum):
     """How the thrusts relate to the demanded wrench.
 
-    A status equals its name, too: ``answer.status == 'EXACT'``.  Other text is a ValueError.
+    ``status.name`` is its name.  A comparison with text is a TypeError, since it would be false.
     """
 
     EXACT = 0
@@ -44,21 +44,15 @@ class Status(IntEnum):
     __format__ = Enum.__format__
 
     def __eq__(self, other: object) -> bool:
-        """Return whether the other is the status, its number or its name."""
-        if self is other:
-            return True
-        if not isinstance(other, str):
-            return int.__eq__(self, other)  # type: ignore[arg-type]
-        if other not in Status.__members__:
-            names = ', '.join(Status.__members__)
-            raise ValueError(f'status: expected one of {names}, got {other!r}')
-        return self.name == other
+        """Return whether the other is the status or its number."""
+        if isinstance(other, str):
+            right = f'compare status.name with {other!r}, or the status with Status.EXACT'
+            raise TypeError(f'a status is a number with a name: {right}')
+        return self is other or int.__eq__(self, other)  # type: ignore[arg-type]
 
     def __ne__(self, other: object) -> bool:
         """Return the opposite of equality."""
-        if not isinstance(other, str):
-            return int.__ne__(self, other)  # type: ignore[arg-type]
-        return not self == other
+        return not self == other if isinstance(other, str) else int.__ne__(self, other)  # type: ignore[arg-type]
 
     __hash__ = int.__hash__
 

@@ -38,6 +38,12 @@ CERTAIN = 0.995  # least probability of a failure that was named
 SUSPICION, PATIENCE = 6.0, 1.0
 """Evidence from which the noise is not learnt, and for how long at most [s]."""
 
+ACQUAINTED = 1_000_000_000
+"""Time for which a flight that begins in mid-air, or after `reset`, only shows what is usual
+[ns]."""
+
+SETTLING = 4.0  # time after which the speeds of motors and servos are known, over their lag
+
 TIME_MAX = 2**62
 """Times are less [ns], before and after zero, so that their differences have 64 bits."""
 
@@ -111,6 +117,8 @@ class FailureDetector:
         sticks.
     suspect : int or None
         The rotor that may be failing now.
+    settling : int
+        Time from the first command after which the speeds of the motors are known [ns].
     margin : float
         Lead of the evidence for the likeliest rotor over that for a disturbance, in the last test
         in which something was suspected; a natural logarithm.
@@ -154,6 +162,12 @@ class FailureDetector:
         self._moving = (MOVING * noises).tolist()
         self._turn, self._motion = ONE, np.zeros(6)
         self._imu, self._measured = triple(s.imu_position), False
+        lag = max(s.motor_time_constant, s.servo_time_constant)
+        # Time until failures are tested; above ACQUAINTED, the speeds of the motors are unknown.
+        # It is in whole milliseconds, so that single precision does not change it.
+        self.settling = 1_000_000 * round(1e3 * (SETTLING * lag + s.delay))
+        self._blind = ACQUAINTED + self.settling
+        self._commanded = False
         self.reset()
 
     @property
@@ -198,6 +212,7 @@ class FailureDetector:
         self._refined: dict[int, float] = {}
         self._arms: dict[tuple[int, int], int] = {}
         self._usual.reset()
+        self._blind = max(self._blind, ACQUAINTED)
         self._begin()
 
     def interrupt(self) -> None:
@@ -246,7 +261,7 @@ class FailureDetector:
             self._follow_servos()
         if moved.any() or not np.array_equal(self._delivered, before):
             # When it failed is not known: the motion before shows nothing more.
-            self._windows.forget()
+            self._forget()
 
     def _follow_servos(self) -> None:
         """Let the servos that are announced, or found, to stick do so."""
@@ -281,6 +296,7 @@ class FailureDetector:
         last = self._observer.time
         if last is not None and time - last >= RESTART:
             return
+        self._commanded = True
         self._rotors.command(time, followed)
         self._slow.command(time, followed[: self.vehicle.n])
 
@@ -348,7 +364,10 @@ class FailureDetector:
             observer.expect(turned.dot(wrench), mean[3:])
             # What holds a vehicle that does not move may be the ground, which is not learnt.
             moving = any(map(gt, abs(mean).tolist(), self._moving))
-            observer.gain = usual.gain() if moving and not self._suspicious else 0.0
+            if self._commanded:
+                self._blind = max(self._blind - (time - last), 0)
+            learnt = moving and self._blind <= ACQUAINTED and not self._suspicious
+            observer.gain = usual.gain() if learnt else 0.0
             if force is not None:
                 impulse = self._impulse((time - last) / 1e9, turned, motion, mean[3:], force)
         observer.observe(time, turn.dot(motion), impulse)
@@ -356,11 +375,15 @@ class FailureDetector:
             return False
         if last is not None and time < last:
             self._rotors = CommandedRotors(self._rotors.vehicle, self.settings)
+        if last is not None and not 0 < time - last < GAP:
+            self._blind = ACQUAINTED + self.settling
         self._turn, self._motion = turn, motion
         step = observer.step
+        if observer.standing or self._blind > ACQUAINTED:
+            self._blind = self._blind if self._blind > ACQUAINTED else 0
+            self._begin()
+            return False
         if not step:
-            if observer.standing:
-                self._begin()
             return False
         usual.fly(step, own)
         lacked = observer.lacked.dot(turned)
@@ -391,7 +414,7 @@ class FailureDetector:
         """Test all windows that end now; return whether the health has changed."""
         windows, block, usual = self._windows, self._windows.block, self._usual
         if usual.flown < 2.0 * block:
-            windows.forget()
+            self._forget()
             return False
         spread = usual.spread(windows.ages, self._measured)
         recent = list(self._refined)
@@ -399,7 +422,8 @@ class FailureDetector:
             ages = {i: age + block for i, age in self._refined.items()}
             self._refined = {i: age for i, age in ages.items() if age < REFINED}
         seen = 0.5 * max((windows.lacked**2 / spread).dot(ALL).tolist())
-        if not recent and not self._arms and seen <= SUSPICION:
+        quiet = not recent and not self._arms and seen <= SUSPICION
+        if quiet or self._blind:
             # No evidence exceeds what is seen.
             self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
             self._leads = np.zeros(self.vehicle.n)

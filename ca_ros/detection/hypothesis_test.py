@@ -74,10 +74,13 @@ def stuck_servos(
 
 CLEAR_LOSS = 0.5  # least share of its thrust that a rotor lost which is named at once
 LEAST_LOSS = 0.4  # the same of each of two rotors, and of one whose servo sticks or that is slow
-WEAK_LOSS = 0.3  # the same of one that leads for long
+WEAK_LOSS = 0.3  # the same, in one of the windows, of one that leads for long
 ASKED = 0.75  # least thrust of a rotor that is named, as commanded, over that of hover
 THRUST_ERROR = 0.1  # relative standard deviation of the thrust of each rotor
-DRAG_ERROR = 0.5  # relative standard deviation of the drag of each rotor
+
+DRAG_LOST = 0.5
+"""Share of its drag that a failing rotor loses, and the standard deviation of this: a weak one
+keeps its drag, and one without a propeller loses it."""
 
 LIMIT = 20.0
 """Evidence from which a rotor is named."""
@@ -190,7 +193,7 @@ class HypothesisTest:
       also be a contact with the ground, whose D has a tenth of the side forces and of the yaw,
       and whose evidence is `CONTACT` greater;
     - the loss of a share theta of rotor i: c ~ N(-theta s_i, S + theta^2 E_i).  s_i (6,) is what
-      the sound rotor gives, its thrust and its share of the drag, and E_i the variance of this.
+      the sound rotor gives, its thrust and half of its drag, and E_i the variance of this.
       theta is the likeliest one within [0, health_i], and its prior is uniform.
 
     The evidence for each is the greatest logarithm of its Bayes factor against nothing in any
@@ -232,16 +235,16 @@ class HypothesisTest:
         """
         drag = self.drags(given, lateral)
         thrusts = THRUST_ERROR**2 * (given[:, :3] ** 2).sum(axis=1)
-        error = thrusts[:, None, :] * self.unit[:, None] + DRAG_ERROR**2 * drag**2
+        error = thrusts[:, None, :] * self.unit[:, None] + drag**2
         return given + drag, error
 
     def drags(self, given: Array, lateral: Array) -> Array:
-        """Return what the drag of each rotor gives (T, 6, n) [N s, N m s]; see `signatures`.
+        """Return the drag that each rotor loses (T, 6, n) [N s, N m s]; see `signatures`.
 
         Drag goes with the speed of a rotor, here with its thrust.
         """
         thrusts, arms = np.linalg.norm(given[:, :3], axis=1), self._arms
-        parts = thrusts / np.maximum(thrusts.sum(axis=1), 1e-9)[:, None]
+        parts = DRAG_LOST * thrusts / np.maximum(thrusts.sum(axis=1), 1e-9)[:, None]
         x, y = lateral.T[:, :, None] * parts
         rows = [x, y, 0.0 * x, -arms[2] * y, arms[2] * x, arms[0] * y - arms[1] * x]
         return np.stack(rows, axis=1)
@@ -278,7 +281,7 @@ class HypothesisTest:
                 -np.einsum('tki,tk,tki->ti', weights, lacked, given),
                 np.einsum('tki,tki->ti', weights, given**2) + 1e-12)
 
-        product, norm = products(np.broadcast_to(1.0 / variance[:, :, None], given.shape))
+        product, norm = products(1.0 / (variance[:, :, None] + error))
         raw, errors = product / norm, norm**-0.5
         first = np.minimum(np.maximum(raw, 0.0), health)
         wider = variance[:, :, None] + first[:, None, :] ** 2 * error
@@ -323,7 +326,8 @@ class HypothesisTest:
                 np.where(held, 0.0, health), max(best + ODDS, disturbance + MARGIN))
         leads = self._gather(leads, block, each[-1], servos, max(float(disturbances[-1]), 0.0))
         top = int(leads.argmax())
-        weak = raw[-1, top] >= WEAK_LOSS * health[top] and asked[-1, top] and not held[top]
+        weak = raw[:, top].max() >= WEAK_LOSS * health[top]
+        weak = weak and asked[-1, top] and not held[top]
         lasting = bool(
             not named and leads[top] > LASTING and each[-1, top] > SEEN and weak)
         if lasting:

@@ -18,7 +18,9 @@ from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 STEP = 0.01  # between two states of the golden flight [s]
 FORCE_NOISE = 0.1  # of the accelerometer [m/s^2]
-STATES, FAILURE = 90, 70  # states of the golden flight, and the first after the failure of rotor 1
+STATES, FAILURE = 90, 70
+"""States of the golden flight once the motors have settled, and the first one of these after the
+failure of rotor 1."""
 
 
 def detector_of(vehicle: Vehicle, given: Mapping[str, Any]) -> FailureDetector:
@@ -35,8 +37,8 @@ def detector_of(vehicle: Vehicle, given: Mapping[str, Any]) -> FailureDetector:
 def golden_flight(detector: FailureDetector, precision: str) -> list[tuple[Array, ...]]:
     """Return a flight in which rotor 1 fails: states, commands, and the answers.
 
-    The vehicle moves at 1 m/s, and its rotors have constant speeds: that of hover, if one speed
-    is enough.
+    The rotors have constant speeds: that of hover, if one speed is enough.  The vehicle stands
+    until the motors have settled, and then moves at 1 m/s.
     """
     module = kernel.extension('detector_single' if precision == 'single' else 'detector')
     if module is None:
@@ -58,12 +60,14 @@ def golden_flight(detector: FailureDetector, precision: str) -> list[tuple[Array
         wrenches[:3, 0] / vehicle.mass, np.linalg.inv(inertia_of(vehicle)) @ wrenches[3:, 0]
     ]) * thrusts[0]
     noise = np.repeat([0.01, 0.005], 3)
-    motion = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    motion, settled = np.zeros(6), -(-detector.settling // round(1e9 * STEP))
     at_rest = np.array([0.0, 0.0, vehicle.gravity])
     flight: list[tuple[Array, ...]] = []
-    for i in range(STATES):
-        motion = motion - (i >= FAILURE) * STEP * lost
-        force = at_rest - (i >= FAILURE) * lost[:3] + FORCE_NOISE * rng.standard_normal(3)
+    for i in range(settled + STATES):
+        motion[0] += i == settled
+        failed = i >= settled + FAILURE
+        motion = motion - failed * STEP * lost
+        force = at_rest - failed * lost[:3] + FORCE_NOISE * rng.standard_normal(3)
         state = np.concatenate(
             [[0.0, 0.0, 0.0, 1.0], motion + noise * rng.standard_normal(6), force])
         state, command = state.astype(dtype), speeds.astype(dtype)

@@ -14,6 +14,8 @@
 #define CERTAIN CA_REAL(0.995)
 #define SUSPICION CA_REAL(6.0)
 #define PATIENCE CA_REAL(1.0)
+#define ACQUAINTED 1000000000
+#define SETTLING CA_REAL(4.0)
 #define FLOOR CA_REAL(0.3)
 #define OUTLIER CA_REAL(9.0)
 #define LEARNT CA_REAL(0.95)
@@ -23,7 +25,7 @@
 #define ASKED CA_REAL(0.75)
 #define THRUST_ERROR CA_REAL(0.1)
 #define TIME_ERROR CA_REAL(0.01)
-#define DRAG_ERROR CA_REAL(0.5)
+#define DRAG_LOST CA_REAL(0.5)
 #define LIMIT CA_REAL(20.0)
 #define ODDS CA_REAL(5.3)
 #define TELLING CA_REAL(5.3)
@@ -300,18 +302,19 @@ typedef struct {
     int arm;                               /* whether one of the two that are named has failed */
     ca_real lost[2];
     ca_real shares[CA_N], errors[CA_N];    /* lost by each rotor alone in the longest window */
+    ca_real most[CA_N];                    /* the same, the most in any window */
     ca_real leads[CA_N];                   /* gathered so far */
     int lasting;                           /* whether these name it */
 } finding;
 
-/* What a sound rotor gives in a window, and the variance of this: its thrust is known to a tenth,
- * its share of the drag to a half. */
+/* What a failed rotor no longer gives in a window, and the variance of this: its thrust, known to a
+ * tenth, and half of its drag, which a weak rotor keeps and a lost propeller loses. */
 static void signature_of(const ca_detector_model *model, const ca_block *window, int rotor,
                          ca_real *given, ca_real *error)
 {
     const ca_real thrust = window->given[rotor], relative = THRUST_ERROR * thrust;
     /* Drag goes with the speed of a rotor, here with its thrust. */
-    const ca_real part = ca_abs(thrust) / ca_max(window->total, CA_REAL(1e-9));
+    const ca_real part = DRAG_LOST * ca_abs(thrust) / ca_max(window->total, CA_REAL(1e-9));
     const ca_real x = part * window->lateral[0], y = part * window->lateral[1];
     const ca_real drag[6] = {x,
                              y,
@@ -321,8 +324,7 @@ static void signature_of(const ca_detector_model *model, const ca_block *window,
                              model->arms[0][rotor] * y - model->arms[1][rotor] * x};
     for (int k = 0; k < 6; k++) {
         given[k] = thrust * model->wrenches[k][rotor] + drag[k];
-        error[k] = relative * relative * model->unit[k] +
-                   DRAG_ERROR * DRAG_ERROR * (drag[k] * drag[k]);
+        error[k] = relative * relative * model->unit[k] + drag[k] * drag[k];
     }
 }
 
@@ -455,7 +457,7 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
         top = found->leads[i] > found->leads[top] ? i : top;
     }
     if (found->names || !(found->leads[top] > LASTING && evidence[top] > SEEN) ||
-        found->shares[top] < WEAK_LOSS * detector->health[top] || detector->arm[top] ||
+        found->most[top] < WEAK_LOSS * detector->health[top] || detector->arm[top] ||
         !is_asked(model, window, top))
         return;
     const int partner = partner_of(model, top);
@@ -492,12 +494,13 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
             ca_real given[6], error[6], product = 0, norm = CA_REAL(1e-12), rest = 0;
             signature_of(model, &windows[t], i, given, error);
             for (int k = 0; k < 6; k++) {
-                const ca_real weighted = given[k] / v[k];
+                const ca_real weighted = given[k] / (v[k] + error[k]);
                 product -= weighted * c[k];
                 norm += weighted * given[k];
             }
             const ca_real raw = product / norm, first = ca_clip(raw, 0, detector->health[i]);
             found->shares[i] = raw;
+            found->most[i] = t ? ca_max(found->most[i], raw) : raw;
             found->errors[i] = 1 / ca_sqrt(norm);
             shares[t][i] = evidence[t][i] = 0;
             if (!(first > 0))
@@ -578,6 +581,13 @@ static ca_real learning_gain(const ca_detector *detector, ca_real time)
     if (suspicious(detector))
         return 0;
     return 1 / ca_min(time, detector->flown + CA_REAL(0.05));
+}
+
+/* Let the speeds of the motors be unknown, and what is usual. */
+static void blind(ca_detector *detector)
+{
+    const ca_real settling = SETTLING * detector->model->time_constant + detector->model->delay;
+    detector->blind = ACQUAINTED + (int64_t)(1000 * settling + CA_REAL(0.5)) * 1000000;
 }
 
 /* Begin a flight: the windows reach back to now. */
@@ -870,7 +880,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         }
         greatest = ca_max(greatest, CA_REAL(0.5) * sum);
     }
-    if (!refining && !telling && greatest <= SUSPICION) {
+    if (detector->blind > 0 || (!refining && !telling && greatest <= SUSPICION)) {
         /* No score exceeds this sum. */
         clear_suspicion(detector);
         learn(detector, block, spread, windows, thrusts, moving);
@@ -938,6 +948,8 @@ void ca_detector_reset(ca_detector *detector)
             ca_copy(6, model->noise, detector->variance[h][t]);
     memset(detector->drag, 0, sizeof detector->drag);
     memset(detector->moments, 0, sizeof detector->moments);
+    if (detector->blind < ACQUAINTED)
+        detector->blind = ACQUAINTED;
     begin(detector);
 }
 
@@ -952,6 +964,7 @@ void ca_detector_start(ca_detector *detector, const ca_detector_model *model)
     detector->model = model;
     ca_copy(ROTORS(model), model->health, detector->announced);
     start_observer(detector);
+    blind(detector);
     ca_detector_reset(detector);
 }
 
@@ -1097,6 +1110,7 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
         momentum[k] = model->mass * world[k];
     rotate(model->inertia, motion + 3, momentum + 3);
     if (detector->timed && (time < detector->time || time - detector->time >= GAP)) {
+        blind(detector);
         if (time < detector->time) {
             start_observer(detector);
             detector->waiting = 0;
@@ -1119,8 +1133,13 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
                 for (int j = 0; j < 3; j++)
                     turned[k][j] = CA_REAL(0.5) * (detector->rotation[k][j] + rotation[k][j]);
             expect(detector, (const ca_real(*)[3])turned, thrusts, mean + 3, drag);
+            if (detector->has_command) {
+                detector->blind -= time - detector->time;
+                detector->blind = detector->blind > 0 ? detector->blind : 0;
+            }
             /* What holds a vehicle that does not move may be the ground, which is not learnt. */
-            gain = moving ? learning_gain(detector, LEARNING) : 0;
+            if (moving && detector->blind <= ACQUAINTED)
+                gain = learning_gain(detector, LEARNING);
         }
         ca_real gained[6];
         for (int k = 0; k < 6; k++)
@@ -1142,11 +1161,14 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
     ca_copy(6, momentum, detector->momentum);
     memcpy(detector->rotation, rotation, sizeof rotation);
     ca_copy(6, motion, detector->motion);
-    if (!counts) {
-        if (detector->standing)
-            begin(detector);
+    if (detector->standing || detector->blind > ACQUAINTED) {
+        if (detector->blind <= ACQUAINTED)
+            detector->blind = 0;
+        begin(detector);
         return 0;
     }
+    if (!counts)
+        return 0;
     if (!(detector->flown > 0))
         ca_copy(n, thrusts, detector->mean_thrusts);
     detector->flown += step;

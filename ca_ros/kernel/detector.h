@@ -105,6 +105,7 @@ typedef struct {
     ca_real rotation[3][3], motion[6];
     ca_real learnt[6], moments[4][6], drag[6], variance[2][CA_WINDOWS][6], mean_thrusts[CA_N];
     /* the test */
+    int64_t blind; /* time until it is tested [ns]; above a second, motors are unknown */
     ca_real flown, waited, unlearnt, refined[CA_N];
     ca_real leads[CA_N];     /* of each rotor over all else, gathered while it is suspected */
     int named[2], names, named_arm, count, windows[CA_WINDOWS];

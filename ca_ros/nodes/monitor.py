@@ -236,15 +236,17 @@ class MonitorNode(Node):
             if each:
                 self._publish(time)
             return
-        if each and self._observed is not None and self._commanded != self._observed:
-            # The command that answers the state before is still to come.
-            if time > self._observed:
+        if each and self._observed is not None:
+            if time < self._observed:
+                self._counts['restarts'] += 1
+                self._commanded = None
+            elif self._commanded is None or self._commanded < self._observed:
+                # The command that answers the state before is still to come.
                 if time == self._ahead:
                     # Its sender may not have known of this node yet: this asks for it again.
                     self._publish(self._observed)
                 self._ahead = time
                 return
-            self._counts['restarts'] += 1
         force = None
         if self._forces is not None and self._observed is not None:
             force = self._forces.mean(self._observed, time)

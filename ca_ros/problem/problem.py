@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
-from functools import cached_property
+from functools import cache, cached_property
 from math import hypot
 from pathlib import Path
 from types import MappingProxyType
@@ -255,9 +255,9 @@ class AllocationProblem:
     def _copy(self: Part) -> Part:
         """Return a copy without what was worked out."""
         made = copy(self)
-        for name in [*vars(made)]:
-            if isinstance(getattr(type(self), name, None), cached_property):
-                delattr(made, name)
+        kind: Any = type(self)
+        for name in _worked_out(kind):
+            vars(made).pop(name, None)
         return made
 
     def with_matrix(self, matrix: ArrayLike) -> AllocationProblem:
@@ -365,7 +365,15 @@ class AllocationProblem:
         outside = np.abs(begin + beyond * way - self.center) >= self.extent
         if outside.any() or self._decomposition is None:
             return False
-        return self.reference_central or self.reach(begin, way, 2.0) > beyond
+        # Of one axis, the range is the set.
+        if len(way) == 1 or self.reference_central:
+            return True
+        # A plane that the set does not cross is cheaper than the way to the boundary: that of the
+        # multipliers of the least shares of the half ranges.
+        sizes, left, singular, _ = self._decomposition
+        normal = left @ (way / sizes @ left / singular**2) / sizes
+        most = float(self.sets.support(normal @ self.gamma) - normal @ begin)
+        return bool(beyond * (normal @ way) < most) and self.reach(begin, way, 2.0) > beyond
 
     @property
     def independence(self) -> float:
@@ -559,6 +567,12 @@ class AllocationProblem:
         """
         residual = lengths(u - thrusts @ self.gamma.T)
         return meets(residual, self.tolerance(u), self.gamma, thrusts, share)
+
+
+@cache
+def _worked_out(kind: type[AllocationProblem]) -> list[str]:
+    """Return the names of the cached properties of a class."""
+    return [name for name in dir(kind) if isinstance(getattr(kind, name), cached_property)]
 
 
 def _matrix(matrix: ArrayLike) -> Array:
