@@ -4,7 +4,7 @@ import argparse
 import math
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -77,6 +77,26 @@ def positive(kind: type[int] | type[float]) -> Callable[[str], Any]:
                 return kind(number)
         what = 'positive whole number' if kind is int else 'positive number'
         raise argparse.ArgumentTypeError(f'{text!r} is not a {what}')
+
+    return read
+
+
+def natural(text: str) -> int:
+    """Return a whole number from 0 on; an argparse type."""
+    if text.isdecimal():
+        return int(text)
+    raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
+
+
+def named(known: Iterable[str]) -> Callable[[str], tuple[str, ...]]:
+    """Return an argparse type: some of the known names, separated by commas, each once."""
+
+    def read(text: str) -> tuple[str, ...]:
+        names = dict.fromkeys(word.strip() for word in text.split(','))
+        if strange := names.keys() - {*known}:
+            expected = f'expected {", ".join(known)}'
+            raise argparse.ArgumentTypeError(f'{", ".join(sorted(strange))!r}: {expected}')
+        return tuple(names)
 
     return read
 

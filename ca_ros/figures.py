@@ -8,6 +8,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
+from ca_ros.arguments import named
 from ca_ros.arrays import Array
 
 if TYPE_CHECKING:
@@ -64,17 +65,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def formats(text: str) -> list[str]:
+def formats(text: str) -> tuple[str, ...]:
     """Return the formats in a text such as png,svg or none, for argparse."""
-    if text == 'none':
-        return []
-    words = [word.strip() for word in text.split(',')]
-    for word in words:
-        if word not in FORMATS:
-            raise argparse.ArgumentTypeError(
-                f'{word!r} is no format of figures; there are {", ".join(FORMATS)}, none'
-            )
-    return list(dict.fromkeys(words))
+    return () if text == 'none' else named(FORMATS)(text)
 
 
 def millimetres(text: str) -> float:

@@ -361,7 +361,7 @@ def test_intervals_of_shares_and_medians():
 
 
 @pytest.mark.parametrize(('words', 'error'), [
-    ('--manoeuvres flips', '--manoeuvres flips: expected upsets, '),
+    ('--manoeuvres flips', "--manoeuvres: 'flips': expected upsets, "),
     ('--seeds 0', "argument --seeds: '0' is not a positive whole number"),
     ('--seeds 50', '--seeds: only with --manoeuvres'),
     ('--manoeuvres upsets --detect --fail 1@2', 'not with --detect, --fail'),

@@ -92,8 +92,8 @@ def test_a_plot_is_the_same_file_each_time(tmp_path, monkeypatch):
 
 
 def test_formats_are_a_list_of_known_ones():
-    assert formats('none') == []
-    assert formats('svg, png,svg') == ['svg', 'png']
+    assert formats('none') == ()
+    assert formats('svg, png,svg') == ('svg', 'png')
     for wrong in ('', 'gif', 'png,'):
         with pytest.raises(argparse.ArgumentTypeError, match='png, svg, pdf'):
             formats(wrong)

@@ -53,7 +53,8 @@ def facts(
     The command, with more words at its end, gives the same results; defaults are spelled out.
     """
     words = [prog]
-    for name, value in vars(options).items():
+    for name, given in vars(options).items():
+        value = ','.join(given) if isinstance(given, tuple) else given
         if name not in NOT_REPEATED and value is not None and value is not False:
             for each in value if isinstance(value, list) else [value]:
                 words += [f'--{name.replace("_", "-")}', *([] if value is True else [str(each)])]

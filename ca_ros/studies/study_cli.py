@@ -110,10 +110,3 @@ def called(
         if 'out' not in options:
             found.figures = None
         return study(found)[0]
-
-
-def natural(text: str) -> int:
-    """Return a whole number from 0 on; an argparse type."""
-    if text.isdecimal():
-        return int(text)
-    raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')

@@ -9,7 +9,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from ca_ros.allocation import Allocator
-from ca_ros.arguments import positive
+from ca_ros.arguments import named, positive
 from ca_ros.bringup.flight_options import (
     add_options,
     failure_words,
@@ -96,24 +96,21 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     add = made.add_argument
     add('--duration', type=positive(float), default=10.0, help='time of flight [s]')
     names = f'instead fly manoeuvres that saturate the rotors: {", ".join(MANOEUVRES)}'
-    add('--manoeuvres', metavar='A,B', help=names)
+    add('--manoeuvres', type=named(MANOEUVRES), metavar='A,B', help=names)
     add('--seeds', type=positive(int), default=50, metavar='N', help='of each manoeuvre')
     rows = f'also draw these rows of each method, rows.png: {", ".join(ROWS)}'
-    add('--plot-rows', type=_rows, default=(), metavar='A,B', help=rows)
+    add('--plot-rows', type=named(ROWS), default=(), metavar='A,B', help=rows)
     add_options(made)
     options = made.parse_args(argv)
-    strange = {*(options.manoeuvres or 'upsets').split(',')} - {*MANOEUVRES}
-    if strange:
-        made.error(f'--manoeuvres {", ".join(sorted(strange))}: expected {", ".join(MANOEUVRES)}')
-    named = _given(made, argv)
+    given = _given(made, argv)
     # The results name the command, without the options that do not count.
-    if 'manoeuvres' in named:
-        if strange := named - FOR_MANOEUVRES:
+    if 'manoeuvres' in given:
+        if strange := given - FOR_MANOEUVRES:
             words = ', '.join(f'--{name.replace("_", "-")}' for name in sorted(strange))
             made.error(f'--manoeuvres: not with {words}')
         options.duration = None
     else:
-        if 'seeds' in named:
+        if 'seeds' in given:
             made.error('--seeds: only with --manoeuvres')
         options.seeds = None
     return options
@@ -127,19 +124,11 @@ def _given(parser: argparse.ArgumentParser, argv: Sequence[str]) -> set[str]:
     return {name for name, value in found.items() if value is not unset}
 
 
-def _rows(text: str) -> list[str]:
-    """Return the rows in a text such as demand,margin, for argparse."""
-    words = [word.strip() for word in text.split(',')]
-    if strange := {*words} - {*ROWS}:
-        raise argparse.ArgumentTypeError(f'{sorted(strange)}: expected {", ".join(ROWS)}')
-    return list(dict.fromkeys(words))
-
-
 def _fly_manoeuvres(
     case: Case, allocators: Mapping[str, Allocator], options: argparse.Namespace
 ) -> tuple[pd.DataFrame, str]:
     """Fly each manoeuvre of each seed with each method; return rows and manoeuvres.md."""
-    names = options.manoeuvres.split(',')
+    names = options.manoeuvres
     rows = tqdm(
         fly_seeds(case, list(allocators), names, options.seeds), unit=' flights', disable=None,
         total=len(names) * options.seeds * len(allocators),

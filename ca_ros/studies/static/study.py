@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ca_ros.allocation import AllocationProblem, Allocator
-from ca_ros.arguments import positive, split
+from ca_ros.arguments import natural, positive, split
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.studies.cases import Case
 from ca_ros.studies.engine import add_options, chunk_size, compute
@@ -19,7 +19,7 @@ from ca_ros.studies.result_files import facts, write
 from ca_ros.studies.static.chunks import StaticChunks, Summary, merged
 from ca_ros.studies.static.plots import draw
 from ca_ros.studies.static.tables import document, standard_error
-from ca_ros.studies.study_cli import called, case_of, concluded, natural, parser
+from ca_ros.studies.study_cli import called, case_of, concluded, parser
 from ca_ros.studies.wrench_metrics import metrics
 from ca_ros.studies.wrench_sets import SAMPLINGS
 
