@@ -22,7 +22,7 @@ from ca_ros.kernel.vectored import sets_newton
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.solver.convex_sets import ConvexSets
 from ca_ros.solver.least_norm_over_sets import SetsNewton
-from ca_ros.vehicle.files import read
+from ca_ros.vehicle.files import read, shipped_tilting
 from ca_ros.vehicle.settings import AXES
 from strategies import length, seeded
 
@@ -191,6 +191,20 @@ def test_attainable_wrenches_are_met_at_the_least_cost(name):
         f'{np.max(certificate.kkt_residual):.1e}, '
         f'gap {np.max(np.abs(certificate.gap) / np.maximum(1.0, costs)):.1e} of the cost'
     )
+
+
+@pytest.mark.parametrize('name', sorted(shipped_tilting()))
+def test_certificates_inside_the_set_and_on_its_boundary(name):
+    allocator = make_allocator('exact', Vehicle.load(name))
+    problem = allocator.problem
+    inside = AdmissibleSet(problem).sample(seeded(5), 20 * WRENCHES)
+    far = problem.reference + 3.0 * (inside - problem.reference)
+    for wrenches, kkt, gap in ((inside, 1e-10, 1e-10), (far, 1e-4, 1e-4)):
+        answers = allocator.allocate_batch(wrenches)
+        certificate = answers.certificate
+        assert certificate.kkt_residual.max() < kkt
+        costs = (answers.thrusts**2).sum(axis=1) / 2.0
+        assert (certificate.gap <= gap * np.maximum(1.0, costs)).all()
 
 
 @pytest.mark.parametrize('name', PROBLEMS)
