@@ -248,6 +248,7 @@ def test_studies_return_the_rows_of_their_files(tmp_path, monkeypatch):
 # What is wrong
 
 HEXAROTOR = Vehicle.load('hexarotor')
+MATRIX = np.array([[1.0, -1.0, 0.2], [0.5, 0.5, 0.0]])
 EXACT = Exact(HEXAROTOR)
 HOVER = [9.81, 0.0, 0.0, 0.0]
 
@@ -358,3 +359,36 @@ def test_the_examples_of_public_names(name):
 def test_user_code_runs_and_audits_say_what_they_are():
     user_code.main()
     assert repr(audit(HEXAROTOR)).startswith('VehicleAudit: 6 rotors, axes thrust')
+
+
+@pytest.mark.parametrize(('guess', 'words'), [
+    (lambda: Exact(MATRIX), 'AllocationProblem(matrix, lower, upper) takes a matrix'),
+    (lambda: Exact(MATRIX, lower=-1.0, upper=1.0), 'takes a matrix'),
+    (lambda: AllocationProblem(MATRIX, bounds=(-1.0, 1.0)), 'no bounds; give lower and upper'),
+    (lambda: AllocationProblem(MATRIX, -1, 1, names='ab'), 'no names; give effector_names'),
+    (lambda: AllocationProblem(MATRIX, -1, 1, colour=3), 'AllocationProblem has no colour'),
+    (lambda: audit(Exact(AllocationProblem(MATRIX, -1.0, 1.0))), 'an allocator has its audit'),
+    (lambda: Exact(AllocationProblem(MATRIX, -1, 1)).with_health([1, 1, 1], stuck=[2]),
+     'stuck: expected values by effector, such as {4: 0.1}, got [2]'),
+    (lambda: Exact(HEXAROTOR.fail(1)), 'or fail and with_health of an allocator made before'),
+    (lambda: Exact(HEXAROTOR).fail(7), 'no 7 of rotors: they count from 1 to 6'),
+    (lambda: Vehicle(Ixx=1.0), 'Ixx: no such keyword; give inertia=[Ixx, Iyy, Izz]')])
+def test_what_a_stranger_guesses_is_answered(guess, words):
+    with pytest.raises((TypeError, ParameterError), match=re.escape(words)):
+        guess()
+
+
+def test_failures_one_by_one_are_those_of_with_health():
+    sound, problem = Exact(HEXAROTOR), AllocationProblem(MATRIX, -1.0, 1.0)
+    u = [9.81, 0.1, 0.0, 0.0]
+    for made, health in (
+            (sound.fail(2), [1, 0, 1, 1, 1, 1]),
+            (sound.fail(2).fail(5, 0.5), [1, 0, 1, 1, 0.5, 1]),
+            (sound.fail(2).fail(2, 1.0), [1] * 6)):
+        np.testing.assert_array_equal(
+            made.allocate(u).thrusts, sound.with_health(health).allocate(u).thrusts)
+    assert Exact(problem).fail(3).problem.health.tolist() == [1.0, 1.0, 0.0]
+    np.testing.assert_array_equal(problem.matrix, MATRIX)
+    assert Status('EXACT') is Status.EXACT
+    with pytest.raises(ValueError, match='not a valid Status'):
+        Status('exact')

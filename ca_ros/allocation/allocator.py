@@ -16,7 +16,7 @@ from ca_ros.arrays import Array
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import problem_of
-from ca_ros.settings import Settings, settings_of
+from ca_ros.settings import ParameterError, Settings, settings_of
 from ca_ros.vehicle.vehicle import Vehicle
 
 
@@ -73,10 +73,10 @@ class Allocator(ABC):
     ) -> None:
         if 'lost_axes' in given and not hasattr(self.settings_type, 'lost_axes'):
             raise TypeError('lost_axes: make_allocator takes it; with_health keeps all axes')
+        if not isinstance(problem, Vehicle):
+            problem = problem_of(problem)
         self.settings = settings_of(type(self), self.settings_type, settings, given)
-        self.problem = (
-            accept(problem).independent if isinstance(problem, Vehicle) else problem_of(problem)
-        )
+        self.problem = accept(problem).independent if isinstance(problem, Vehicle) else problem
         if not self.takes_vectors:
             others = 'pseudo_inverse, weighted_pseudo_inverse and weighted_least_squares take both'
             self.problem.program.refuse_vectors(type(self).__name__, f'exact, {others}')
@@ -151,6 +151,21 @@ class Allocator(ABC):
         PRIORITIZED: thrust 9.81, roll 0.1, pitch 0, yaw -0.0024 of 0
         """
         return self._for(self.problem.with_health(health, failed_arms, stuck))
+
+    def fail(self, effector: int, health: float = 0.0) -> Allocator:
+        """Return an allocator after one more failure, of an effector or rotor from 1 on.
+
+        `health`: what it still gives, in [0, 1]; that of all others stays.  See `with_health`,
+        which raises the errors.
+
+        >>> Exact(Vehicle.load('hexarotor')).fail(1).lost_axes
+        ('yaw',)
+        """
+        now = self.problem.health
+        if not isinstance(effector, (int, np.integer)) or not 1 <= effector <= len(now):
+            kind = self.problem.effector_kind
+            raise ParameterError(f'no {effector!r} of {kind}: they count from 1 to {len(now)}')
+        return self.with_health(np.where(np.arange(len(now)) == effector - 1, health, now))
 
     def with_matrix(self, matrix: ArrayLike) -> Allocator:
         """Return an allocator of the same method and settings for another matrix B.

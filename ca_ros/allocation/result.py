@@ -56,6 +56,11 @@ class Status(IntEnum):
 
     __hash__ = int.__hash__
 
+    @classmethod
+    def _missing_(cls, value: object) -> Status | None:
+        """Return the status of a name, for ``Status('EXACT')``."""
+        return cls.__members__.get(str(value))
+
 
 class Answer(Generic[Number]):
     """What `Allocation` and `AllocationBatch` have in common; see there."""

@@ -363,6 +363,7 @@ def accept(subject: Vehicle | AllocationProblem, lost_axes: str | None = None) -
         flies = '' if report.keeps_hovering else f', although {report.full.aim} is not attainable'
         raise ParameterError(
             f'allocation.lost_axes: this {report.full.subject} is refused: {report} '
-            f"('drop' accepts it {without}{flies}; in Python lost_axes='drop' of make_allocator)"
+            f"('drop' accepts it {without}{flies}; in Python lost_axes='drop' of make_allocator, "
+            'or fail and with_health of an allocator made before)'
         )
     return report

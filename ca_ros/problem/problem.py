@@ -8,7 +8,7 @@ from functools import cache, cached_property
 from math import hypot
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,6 +35,13 @@ from ca_ros.vehicle.validation import ABSURD, different_names, numbers, ordered_
 
 UNITS_MIN = 1e-6  # least range of an axis, also over the greatest, to judge errors
 INSIDE = 0.99  # greatest share of the way to the boundary at which a line may begin
+
+INSTEAD = {
+    **dict.fromkeys(('bounds', 'limits'), 'lower and upper'), 'min': 'lower', 'max': 'upper',
+    **dict.fromkeys(('names', 'effectors'), 'effector_names'),
+    **dict.fromkeys(('units', 'unit'), 'effector_unit and axis_units'), 'u0': 'reference',
+}
+"""By a keyword that somebody may guess, what to give instead."""
 
 Part = TypeVar('Part', bound='AllocationProblem')
 
@@ -134,8 +141,11 @@ class AllocationProblem:
         axes: Sequence[str] | None = None, effector_names: Sequence[str] | None = None,
         reference: ArrayLike | None = None, effector_kind: str = 'effectors',
         effector_unit: str = '', axis_units: str | Sequence[str] = '',
-        sets: Sequence[ConvexSet] | None = None,
+        sets: Sequence[ConvexSet] | None = None, **unknown: NoReturn,
     ) -> None:
+        for name in unknown:
+            hint = INSTEAD.get(name, '')
+            raise TypeError(f'AllocationProblem has no {name}{hint and "; give "}{hint}')
         gamma = _matrix(matrix)
         m, n = gamma.shape
         numbered = [f'axis_{k + 1}' for k in range(m)]
@@ -401,6 +411,11 @@ class AllocationProblem:
         way = (self.reference - self.gamma @ self.middle) / INSIDE
         thrusts = self.middle + self.half_range * ((way / sizes @ left / singular) @ right)
         return bool((self.clip(thrusts) == thrusts).all())
+
+    @property
+    def matrix(self) -> Array:
+        """B (m, n), the same as `gamma`."""
+        return self.gamma
 
     @property
     def n(self) -> int:

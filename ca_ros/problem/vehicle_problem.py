@@ -237,8 +237,14 @@ def problem_of(problem: Vehicle | AllocationProblem) -> AllocationProblem:
         return VehicleProblem(problem)
     if isinstance(problem, AllocationProblem):
         return problem
-    hint = f': Vehicle.load({problem!r}) reads a file' if isinstance(problem, str) else ''
-    raise TypeError(f'expected a Vehicle or an AllocationProblem, got {problem!r}{hint}')
+    hint, shown = '', ' '.join(repr(problem).split())
+    if isinstance(problem, str):
+        hint = f': Vehicle.load({problem!r}) reads a file'
+    elif isinstance(problem, (np.ndarray, list)):
+        hint = ': AllocationProblem(matrix, lower, upper) takes a matrix'
+    elif isinstance(getattr(problem, 'problem', None), AllocationProblem):
+        hint = ': an allocator has its audit and problem'
+    raise TypeError(f'expected a Vehicle or an AllocationProblem, got {shown}{hint}')
 
 
 def vehicle_problem(problem: AllocationProblem) -> VehicleProblem:

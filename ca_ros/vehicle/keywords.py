@@ -30,6 +30,7 @@ SYMBOLS = {
     **dict.fromkeys(('rotor_positions', 'rotor_pos', 'arms'), 'positions'),
     **dict.fromkeys(('directions', 'rotor_directions'), 'yaw_torque_signs'),
     **dict.fromkeys(('j', 'i', 'moment_of_inertia'), 'inertia'), 'm': 'mass', 'n': 'count',
+    'rotor_speed_min': 'speed_min', 'rotor_speed_max': 'speed_max',
 }
 """Other names of the keywords, which simulators and papers have."""
 
@@ -42,6 +43,7 @@ INSTEAD = {
     **dict.fromkeys(('rotors', 'motors', 'propellers', 'arm_length', 'arm', 'n_rotors'), (
         'give positions=[(x, y, z), ...] and spins=[...], one for each rotor, or '
         'Vehicle.ring(count=..., radius=..., ...)')),
+    **dict.fromkeys(('ixx', 'iyy', 'izz'), 'give inertia=[Ixx, Iyy, Izz] [kg m^2]'),
     **dict.fromkeys(('max_rpm', 'rpm_max', 'rpm'), (
         'give speed_max [rad/s], rpm times 2 pi / 60')),
 }

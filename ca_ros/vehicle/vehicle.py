@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, Never
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -125,7 +125,7 @@ class Vehicle(Motors):
     lost_axes: str = 'refuse'
 
     def __init__(
-        self, *unnamed: Never, mass: float | None = None, positions: ArrayLike | None = None,
+        self, *unnamed: NoReturn, mass: float | None = None, positions: ArrayLike | None = None,
         spins: Any = None, thrust_coefficient: ArrayLike | None = None,
         torque_coefficient: ArrayLike | None = None, speed_min: ArrayLike | None = None,
         speed_max: ArrayLike | None = None, yaw_torque_signs: ArrayLike | None = None,
