@@ -136,7 +136,7 @@ def test_saturation_at_negative_bounds():
 
 def test_a_certificate_names_the_effectors():
     text = str(make_allocator('exact', ELEVONS).allocate([0.9, 0.5]).certificate)
-    assert 'to the facet with effectors left at minimum' in text
+    assert 'to the facet with effector left at minimum' in text
 
 
 def test_a_problem_has_no_rotor_speeds():
@@ -229,8 +229,10 @@ def test_effectors_have_names_and_a_kind(tmp_path):
         'fins}')
     problem = AllocationProblem.load(path)
     assert problem.effector_names == ('a', 'b')
-    answer = make_allocator('exact', problem).allocate([1.0])
-    assert 'fins' in str(answer.certificate)
+    answer = make_allocator('exact', problem).allocate([1.2])
+    assert str(answer.certificate).endswith('to the facet with fins a, b at maximum')
+    # In the middle no facet is the nearest.
+    assert str(make_allocator('exact', problem).allocate([1.0]).certificate).endswith('margin 1')
     np.testing.assert_array_equal(answer.effectors, answer.thrusts)
 
 

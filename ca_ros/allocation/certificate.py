@@ -89,18 +89,20 @@ class Certificate(Generic[Number]):
         if np.ndim(self.margin):
             least = f'least margin {np.min(self.margin):.3g}'
             return f'{np.size(self.margin)} allocations: {worst}; {least}'
-        names = self.problem.effector_names
+        names, kind = self.problem.effector_names, self.problem.effector_kind
         groups = {
-            name: ', '.join(names[i] for i in np.flatnonzero(limit == value))
+            name: [names[i] for i in np.flatnonzero(limit == value)]
             for name, value in (('maximum', 1), ('minimum', -1))
         }
-        ends = ' and '.join(f'{rotors} at {name}' for name, rotors in groups.items() if rotors)
+        ends = ' and '.join(
+            f'{kind if len(some) > 1 else kind.removesuffix("s")} {", ".join(some)} at {name}'
+            for name, some in groups.items() if some)
         if (slow := np.flatnonzero(self.rate_limited)).size:
             ends = f'{ends} ({", ".join(names[i] for i in slow)} by their rates)'
         return (
             f'residual {_size(self.primal_residual)}, '
             f'KKT residual {_size(self.kkt_residual)}{unit}; '
-            f'margin {self.margin:.3g} to the facet with {self.problem.effector_kind} {ends}'
+            f'margin {self.margin:.3g}' + (f' to the facet with {ends}' if ends else '')
         )
 
     def __repr__(self) -> str:
