@@ -11,10 +11,11 @@ from scipy.stats import norm
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
-from ca_ros.detection.hypothesis_test import HypothesisTest, stuck_servos
+from ca_ros.detection.hypothesis_test import HypothesisTest
 from ca_ros.detection.kernel_detector import KernelDetector, packed
 from ca_ros.detection.lag_check import LagCheck
 from ca_ros.detection.motor_model import CommandedRotors
+from ca_ros.detection.stuck_servos import stuck_servos
 from ca_ros.kernel import extension
 from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.simulation.rigid_body import velocity_in_body

@@ -9,7 +9,13 @@ import pytest
 
 from ca_ros import AdmissibleSet, AllocationProblem, Status, kernel, make_allocator
 from ca_ros.control import momentum_observer
-from ca_ros.detection import failure_detector, hypothesis_test, noise_estimator, windows
+from ca_ros.detection import (
+    hypothesis_test,
+    motion_test,
+    noise_estimator,
+    rotor_beliefs,
+    windows,
+)
 from ca_ros.kernel import AXES_MAX, ROTORS_MAX, load
 from ca_ros.problem import prioritization, sets_prioritization
 from ca_ros.problem.problem import EXACT_TOLERANCE
@@ -146,9 +152,9 @@ SHARED = {
             'CLEAR_LOSS', 'LEAST_LOSS', 'WEAK_LOSS', 'ASKED', 'THRUST_ERROR', 'DRAG_LOST',
             'LIMIT', 'ODDS', 'TELLING', 'MARGIN', 'CONTACT', 'LASTING', 'SEEN', 'PRIOR', 'NEAR',
             'PAIRED')},
-        **{name: getattr(failure_detector, name) for name in (
-            'CONFIRMATIONS', 'REFINED', 'USELESS', 'TOTAL', 'CERTAIN', 'SUSPICION', 'PATIENCE',
-            'ACQUAINTED', 'SETTLING')},
+        **{name: getattr(motion_test, name) for name in (
+            'CONFIRMATIONS', 'TOTAL', 'SUSPICION', 'PATIENCE', 'ACQUAINTED', 'SETTLING')},
+        **{name: getattr(rotor_beliefs, name) for name in ('REFINED', 'USELESS', 'CERTAIN')},
         **{name: getattr(noise_estimator, name) for name in (
             'FLOOR', 'OUTLIER', 'TIME_ERROR', 'LEARNT')},
         'LEARNING': noise_estimator.LEARNING[0], 'LONG_LEARNING': noise_estimator.LEARNING[1],

@@ -2,75 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import log
 
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.detection.stuck_servos import stuck_servos
 from ca_ros.detection.windows import WINDOWS
-from ca_ros.vehicle.servos import Servos
 from ca_ros.vehicle.vehicle import Vehicle
-
-ANGLES = 101  # angles that are tested of each servo
-
-
-@dataclass(frozen=True)
-class StuckServo:
-    """A servo that may stick.
-
-    - `rotor`: its rotor
-    - `angle`: the likeliest one [rad]
-    - `evidence`: see `Finding`
-    - `window`: in which it has this evidence
-    - `share`: change of the rotor's force, over its thrust
-    """
-
-    rotor: int
-    angle: float
-    evidence: float
-    window: int
-    share: float
-
-
-def stuck_servos(
-    servos: Servos, lacked: Array, weights: Array, given: Array, health: Array
-) -> tuple[Array, StuckServo]:
-    """Return the evidence for each rotor (n,), zero without a single servo, and the likeliest.
-
-    All angles within the bounds of a servo are as likely before.  A rotor with a single servo that
-    sticks at an angle a gives cos(a) p + sin(a) q, where p and q are its impulses at the angle
-    zero and after a quarter turn, instead of those at the commanded angles.
-
-    - `servos`: with at least one rotor that has a single servo
-    - `lacked` (T, 6), `given` (T, 6, n + 2 s) and `health` (n,): as of `HypothesisTest`
-    - `weights` (T, 6): one over the variance of what is lacked
-    """
-    n, rotors = len(health), servos.planar
-    angles = np.linspace(servos.lower[rotors], servos.upper[rotors], ANGLES)
-    own, p, q = given[:, :, rotors], *np.split(given[:, :, n:], 2, axis=2)
-    own, p, q = (health[rotors] * each for each in (own, p, q))
-    rest = lacked[:, :, None] + own
-
-    def product(a: Array, b: Array) -> Array:
-        return np.einsum('tk,tks,tks->ts', weights, a, b)
-
-    cosine, sine = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    seen = np.einsum('tk,tk->t', weights, lacked**2)[:, None]
-    left = (
-        product(rest, rest) - 2.0 * (cosine * product(rest, p) + sine * product(rest, q))
-        + cosine**2 * product(p, p) + sine**2 * product(q, q)
-        + 2.0 * cosine * sine * product(p, q)
-    )
-    evidence = 0.5 * (seen - left) - log(ANGLES)
-    i, window, servo = np.unravel_index(evidence.argmax(), evidence.shape)
-    angle = float(angles[i, servo])
-    force = np.cos(angle) * p[window, :3, servo] + np.sin(angle) * q[window, :3, servo]
-    moved = float(np.linalg.norm(force - own[window, :3, servo]))
-    share = moved / max(float(np.linalg.norm(force)), 1e-12)
-    best = np.zeros(n)
-    best[rotors] = np.maximum(evidence.max(axis=(0, 1)), 0.0)
-    return best, StuckServo(rotors[servo], angle, float(evidence.max()), int(window), share)
-
 
 CLEAR_LOSS = 0.5  # least share of its thrust that a rotor lost which is named at once
 LEAST_LOSS = 0.4  # the same of each of two rotors, and of one whose servo sticks or that is slow
@@ -182,6 +120,21 @@ class Finding:
         return np.asarray(likelihoods / (np.exp(-self.greatest) + likelihoods.sum()))
 
 
+@dataclass(frozen=True, eq=False)
+class Losses:
+    """What the loss of each rotor explains in each window, (T, n) each.
+
+    - `evidence`: see `Finding`
+    - `shares`: the likeliest loss, within [0, health]
+    - `raw` and `errors`: the loss without bounds, and its standard deviation
+    """
+
+    evidence: Array
+    shares: Array
+    raw: Array
+    errors: Array
+
+
 class HypothesisTest:
     """Compares the failure of each rotor with a free disturbance, over windows of time.
 
@@ -264,22 +217,72 @@ class HypothesisTest:
         - `block`: time since the last test [s]
         - `arms`: rotors of named arms, which are not named again
         """
-        held = np.isin(np.arange(len(health)), arms)
-        n, everything = len(health), given
-        own = given[:, :, :n]
+        n, longest = len(health), len(ages) - 1
+        held, own = np.isin(np.arange(n), arms), given[:, :, :n]
         asked = np.linalg.norm(own[:, :3], axis=1) >= (
             ASKED * ages[:, None] * self.disturbances[0, 0] ** 0.5)
-        given, error = self.signatures(own, lateral)
-        squares = lacked**2
-        seen = (squares / variance).sum(axis=1)
+        signature, error = self.signatures(own, lateral)
+        seen = (lacked**2 / variance).sum(axis=1)
         disturbances = self._of_disturbances(ages, lacked, variance, seen)
         likeliest = int(disturbances.argmax())
         disturbance = max(float(disturbances[likeliest]), 0.0)
+        losses = self._of_losses(lacked, signature, error, variance, seen, health)
+        evidence = np.maximum(losses.evidence.max(axis=0), 0.0)
+        servos, servo = np.zeros(n), None
+        if self._servos.planar:
+            servos, servo = stuck_servos(self._servos, lacked, 1.0 / variance, given, health)
+            servo = servo if servo.evidence > evidence.max() else None
+            evidence = np.maximum(evidence, servos)
+        rotor = int(evidence.argmax()) if servo is None else servo.rotor
+        best, window = float(evidence[rotor]), likeliest if servo is None else servo.window
+        rivals = evidence.copy()
+        rivals[[rotor] if (partner := self.partners[rotor]) is None else [rotor, partner]] = 0.0
+        named: tuple[int, ...] = ()
+        lost, angle, arm = np.zeros(0), None, False
+        leads_all = best - rivals.max() > ODDS
+        if best > LIMIT and best - disturbance > MARGIN:
+            if servo is not None:
+                if leads_all and servo.share >= LEAST_LOSS:
+                    named, lost, angle = (rotor,), health[[rotor]], servo.angle
+            else:
+                likely = losses.evidence[:, rotor] >= best - NEAR * best**0.5
+                window = int(np.where(likely, losses.shares[:, rotor], -1.0).argmax())
+                share = losses.shares[window, rotor]
+                clear = share >= CLEAR_LOSS * health[rotor] and asked[window, rotor]
+                if leads_all and clear and not held[rotor]:
+                    arm = partner is not None and best - evidence[partner] <= ODDS
+                    named, lost = self._name(rotor, share, arm)
+        elif disturbance > LIMIT:
+            named, lost = self._pair(
+                lacked[likeliest], variance[likeliest], signature[likeliest], error[likeliest],
+                np.where(held, 0.0, health), max(best + ODDS, disturbance + MARGIN))
+        last = losses.evidence[longest]
+        leads = self._gather(leads, block, last, servos, max(float(disturbances[longest]), 0.0))
+        top = int(leads.argmax())
+        weak = losses.raw[:, top].max() >= WEAK_LOSS * health[top]
+        weak = weak and asked[longest, top] and not held[top]
+        lasting = bool(not named and leads[top] > LASTING and last[top] > SEEN and weak)
+        if lasting:
+            partner, rotor, window = self.partners[top], top, longest
+            arm = partner is not None and bool(leads[top] - leads[partner] <= ODDS)
+            named, lost = self._name(top, min(losses.raw[longest, top], health[top]), arm)
+        return Finding(
+            evidence, disturbance, rotor, named, arm, lost, angle, window, leads, lasting,
+            losses.raw[longest], losses.errors[longest])
 
+    def _of_losses(
+        self, lacked: Array, signature: Array, error: Array, variance: Array, seen: Array,
+        health: Array,
+    ) -> Losses:
+        """Return the evidence for the loss of each rotor.
+
+        `signature` and `error` (T, 6, n): what it gives, and its variance; `seen` (T,): chi
+        squared of what is lacked.  Others: see `__call__`.
+        """
         def products(weights: Array) -> tuple[Array, Array]:
             return (
-                -np.einsum('tki,tk,tki->ti', weights, lacked, given),
-                np.einsum('tki,tki->ti', weights, given**2) + 1e-12)
+                -np.einsum('tki,tk,tki->ti', weights, lacked, signature),
+                np.einsum('tki,tki->ti', weights, signature**2) + 1e-12)
 
         product, norm = products(1.0 / (variance[:, :, None] + error))
         raw, errors = product / norm, norm**-0.5
@@ -287,56 +290,11 @@ class HypothesisTest:
         wider = variance[:, :, None] + first[:, None, :] ** 2 * error
         product, norm = products(1.0 / wider)
         shares = np.minimum(np.maximum(product / norm, 0.0), health)
-        rest = (squares[:, :, None] / wider).sum(axis=1)
+        rest = (lacked[:, :, None] ** 2 / wider).sum(axis=1)
         ratios = (wider / variance[:, :, None]).prod(axis=1) * np.maximum(1.0, norm / PRIOR)
         explained = seen[:, None] - rest + shares * (2.0 * product - shares * norm)
-        each = np.where(first > 0.0, 0.5 * (explained - np.log(ratios)), 0.0)
-        shares = np.where(first > 0.0, shares, 0.0)
-        evidence = np.maximum(each.max(axis=0), 0.0)
-        rotor = int(evidence.argmax())
-        best, window, stuck, servos = float(evidence[rotor]), likeliest, None, np.zeros(n)
-        if self._servos.planar:
-            servos, servo = stuck_servos(
-                self._servos, lacked, 1.0 / variance, everything, health)
-            evidence = np.maximum(evidence, servos)
-            if servo.evidence > best:
-                rotor, best, window, stuck = servo.rotor, servo.evidence, servo.window, servo
-        rivals = evidence.copy()
-        rivals[rotor] = 0.0
-        if (partner := self.partners[rotor]) is not None:
-            rivals[partner] = 0.0
-        named: tuple[int, ...] = ()
-        lost, angle, arm = np.zeros(0), None, False
-        first_of_all = best - rivals.max() > ODDS
-        if best > LIMIT and best - disturbance > MARGIN:
-            if stuck is not None:
-                if first_of_all and stuck.share >= LEAST_LOSS:
-                    named, lost, angle = (rotor,), health[[rotor]], stuck.angle
-            else:
-                likely = each[:, rotor] >= best - NEAR * best**0.5
-                window = int(np.where(likely, shares[:, rotor], -1.0).argmax())
-                share = shares[window, rotor]
-                clear = share >= CLEAR_LOSS * health[rotor] and asked[window, rotor]
-                if first_of_all and clear and not held[rotor]:
-                    arm = partner is not None and best - evidence[partner] <= ODDS
-                    named, lost = self._name(rotor, share, arm)
-        elif disturbance > LIMIT:
-            named, lost = self._pair(
-                lacked[likeliest], variance[likeliest], given[likeliest], error[likeliest],
-                np.where(held, 0.0, health), max(best + ODDS, disturbance + MARGIN))
-        leads = self._gather(leads, block, each[-1], servos, max(float(disturbances[-1]), 0.0))
-        top = int(leads.argmax())
-        weak = raw[:, top].max() >= WEAK_LOSS * health[top]
-        weak = weak and asked[-1, top] and not held[top]
-        lasting = bool(
-            not named and leads[top] > LASTING and each[-1, top] > SEEN and weak)
-        if lasting:
-            partner, rotor, window = self.partners[top], top, len(ages) - 1
-            arm = partner is not None and bool(leads[top] - leads[partner] <= ODDS)
-            named, lost = self._name(top, min(raw[-1, top], health[top]), arm)
-        return Finding(
-            evidence, disturbance, rotor, named, arm, lost, angle, window, leads, lasting, raw[-1],
-            errors[-1])
+        evidence = np.where(first > 0.0, 0.5 * (explained - np.log(ratios)), 0.0)
+        return Losses(evidence, np.where(first > 0.0, shares, 0.0), raw, errors)
 
     def _of_disturbances(
         self, ages: Array, lacked: Array, variance: Array, seen: Array

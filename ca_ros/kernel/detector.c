@@ -4,7 +4,7 @@
 
 #include "numbers.h"
 
-/* The constants of ca_ros/detection: failure_detector, hypothesis_test, noise_estimator,
+/* The constants of ca_ros/detection: hypothesis_test, motion_test, noise_estimator, rotor_beliefs,
  * speed_residual, windows; and of ca_ros/control/momentum_observer. */
 #define BLOCK CA_REAL(0.0095)
 #define CONFIRMATIONS 3

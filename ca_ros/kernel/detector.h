@@ -1,5 +1,5 @@
 /* The detector of rotor failures: states and commanded rotor speeds in, the health of the rotors out.
- * The method is that of ca_ros/detection/failure_detector.py. */
+ * The method is that of ca_ros/detection: FailureDetector and what it consists of. */
 #ifndef CA_ROS_KERNEL_DETECTOR_H
 #define CA_ROS_KERNEL_DETECTOR_H
 

@@ -1,0 +1,98 @@
+"""What is believed of each rotor: what is announced, less what was found."""
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.problem.audit import audit
+from ca_ros.vehicle.vehicle import Vehicle
+
+USELESS = 0.2  # a rotor with less health is lost
+CERTAIN = 0.995  # least probability of a failure that was named
+REFINED = 0.5  # time after a failure in which its health is estimated further [s]
+
+
+class RotorBeliefs:
+    """What is announced of each rotor, and what was found by motion or measured speeds.
+
+    - `vehicle`: with the announced health
+    - `delivered` (n,): share of its thrust that each rotor gives
+    - `found` (n,): probability of each failure that was found, 0 for the others
+    - `since`: when it was found [ns], or None
+    - `evidence`: what it was found by
+    - `angles`: by rotor, from 0, where its servo was found to stick [rad]
+    - `arms`: the named arms, and for each how many tests in a row tell the same rotor of it:
+      positive for the first, negative for the second
+    - `refined`: time since the failure of rotors whose health is still estimated [s]
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was found."""
+        n = self.vehicle.n
+        self.delivered, self._stuck = np.array(self.vehicle.health), np.zeros(n, bool)
+        self.angles: dict[int, float] = {}
+        self.found: Array = np.zeros(n)
+        self.since: list[int | None] = [None] * n
+        self.evidence = [''] * n
+        self.refined: dict[int, float] = {}
+        self.arms: dict[tuple[int, int], int] = {}
+
+    @property
+    def health(self) -> Array:
+        """The announced health, less what was found, (n,)."""
+        return np.where(self._stuck, 0.0, self.delivered)
+
+    @property
+    def held(self) -> list[int]:
+        """The rotors of named arms."""
+        return [rotor for pair in self.arms for rotor in pair]
+
+    def announce(self, vehicle: Vehicle) -> bool:
+        """Take a vehicle with what is announced; return whether a health changes."""
+        before, self.vehicle = self.delivered, vehicle
+        unfound = [since is None for since in self.since]
+        self.delivered = np.where(unfound, vehicle.health, np.minimum(before, vehicle.health))
+        return not np.array_equal(self.delivered, before)
+
+    def find(self, rotor: int, time: int, evidence: str) -> None:
+        """Take note of a failure that was found at a time [ns]."""
+        self.since[rotor], self.evidence[rotor] = time, evidence
+
+    def reduce(self, rotor: int, share: float) -> float:
+        """Take a share of a rotor's health; return by how much it gets less."""
+        before, whole = float(self.delivered[rotor]), float(self.vehicle.health[rotor])
+        left = min(max(before - share, 0.0), whole)
+        self.delivered[rotor] = left = 0.0 if left < USELESS * whole else left
+        return before - left
+
+    def lost(self, rotor: int) -> float:
+        """Return what a rotor is taken to have lost of its announced health."""
+        return float(self.vehicle.health[rotor] - self.delivered[rotor])
+
+    def name_arm(self, first: int, second: int) -> None:
+        """Let one of two rotors have failed, and which one be unknown."""
+        self.arms[first, second] = 0
+        for rotor in (first, second):
+            del self.refined[rotor]
+
+    def tell_arm(self, failed: int, sound: int) -> None:
+        """Let one rotor of a named arm have failed, and the other one be sound."""
+        del self.arms[min(failed, sound), max(failed, sound)]
+        self.found[failed], self.found[sound] = CERTAIN, 0.0
+        self.since[sound], self.evidence[sound] = None, ''
+
+    def stick(self, rotor: int, angle: float) -> None:
+        """Let a servo stick; its rotor is out of use, if the vehicle can do without it."""
+        self.angles[rotor] = angle
+        without = np.where(np.arange(self.vehicle.n) == rotor, 0.0, self.health)
+        self._stuck[rotor] = audit(self.vehicle.with_health(without)).sound
+
+    def age(self, step: float) -> list[int]:
+        """Return the rotors whose health is still estimated, after a further time [s]."""
+        recent = list(self.refined)
+        ages = {rotor: age + step for rotor, age in self.refined.items()}
+        self.refined = {rotor: age for rotor, age in ages.items() if age < REFINED}
+        return recent
