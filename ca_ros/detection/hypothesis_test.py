@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.detection.stuck_servos import stuck_servos
 from ca_ros.detection.windows import WINDOWS
 from ca_ros.vehicle.vehicle import Vehicle
@@ -218,10 +218,8 @@ class HypothesisTest:
         - `arms`: rotors of named arms, which are not named again
         """
         n, longest = len(health), len(ages) - 1
-        held, own = np.isin(np.arange(n), arms), given[:, :, :n]
-        asked = np.linalg.norm(own[:, :3], axis=1) >= (
-            ASKED * ages[:, None] * self.disturbances[0, 0] ** 0.5)
-        signature, error = self.signatures(own, lateral)
+        held, asked = np.isin(np.arange(n), arms), self._asked(ages, given[:, :, :n])
+        signature, error = self.signatures(given[:, :, :n], lateral)
         seen = (lacked**2 / variance).sum(axis=1)
         disturbances = self._of_disturbances(ages, lacked, variance, seen)
         likeliest = int(disturbances.argmax())
@@ -235,11 +233,9 @@ class HypothesisTest:
             evidence = np.maximum(evidence, servos)
         rotor = int(evidence.argmax()) if servo is None else servo.rotor
         best, window = float(evidence[rotor]), likeliest if servo is None else servo.window
-        rivals = evidence.copy()
-        rivals[[rotor] if (partner := self.partners[rotor]) is None else [rotor, partner]] = 0.0
         named: tuple[int, ...] = ()
         lost, angle, arm = np.zeros(0), None, False
-        leads_all = best - rivals.max() > ODDS
+        leads_all = best - self._rival(evidence, rotor) > ODDS
         if best > LIMIT and best - disturbance > MARGIN:
             if servo is not None:
                 if leads_all and servo.share >= LEAST_LOSS:
@@ -250,8 +246,7 @@ class HypothesisTest:
                 share = losses.shares[window, rotor]
                 clear = share >= CLEAR_LOSS * health[rotor] and asked[window, rotor]
                 if leads_all and clear and not held[rotor]:
-                    arm = partner is not None and best - evidence[partner] <= ODDS
-                    named, lost = self._name(rotor, share, arm)
+                    named, lost, arm = self._name(rotor, share, evidence)
         elif disturbance > LIMIT:
             named, lost = self._pair(
                 lacked[likeliest], variance[likeliest], signature[likeliest], error[likeliest],
@@ -263,9 +258,8 @@ class HypothesisTest:
         weak = weak and asked[longest, top] and not held[top]
         lasting = bool(not named and leads[top] > LASTING and last[top] > SEEN and weak)
         if lasting:
-            partner, rotor, window = self.partners[top], top, longest
-            arm = partner is not None and bool(leads[top] - leads[partner] <= ODDS)
-            named, lost = self._name(top, min(losses.raw[longest, top], health[top]), arm)
+            rotor, window, share = top, longest, min(losses.raw[longest, top], health[top])
+            named, lost, arm = self._name(top, share, leads)
         return Finding(
             evidence, disturbance, rotor, named, arm, lost, angle, window, leads, lasting,
             losses.raw[longest], losses.errors[longest])
@@ -326,12 +320,28 @@ class HypothesisTest:
         lead = np.minimum(evidence - np.maximum(others.max(axis=1), disturbance), LIMIT)
         return np.asarray(np.maximum(leads + block / WINDOWS[-1] * lead, 0.0))
 
-    def _name(self, rotor: int, share: float, arm: bool) -> tuple[tuple[int, ...], Array]:
-        """Return a rotor, or the arm of which it is one, and what they lost."""
+    def _asked(self, ages: Array, given: Array) -> BoolArray:
+        """Return which rotors (T, n) give enough thrust (T, 6, n) in each window to be named."""
+        least = ASKED * ages[:, None] * self.disturbances[0, 0] ** 0.5
+        return np.asarray(np.linalg.norm(given[:, :3], axis=1) >= least)
+
+    def _rival(self, evidence: Array, rotor: int) -> float:
+        """Return the greatest evidence (n,) of a rotor that is not this one or its partner."""
+        partner, rivals = self.partners[rotor], evidence.copy()
+        rivals[[rotor] if partner is None else [rotor, partner]] = 0.0
+        return float(rivals.max())
+
+    def _name(
+        self, rotor: int, share: float, evidence: Array
+    ) -> tuple[tuple[int, ...], Array, bool]:
+        """Return a rotor, or the arm of which it is one, what they lost, and whether it is an arm.
+
+        It is the arm if the rotor's evidence (n,) does not lead that of its partner.
+        """
         partner = self.partners[rotor]
-        if not arm or partner is None:
-            return (rotor,), np.array([share])
-        return (min(rotor, partner), max(rotor, partner)), np.repeat(0.5 * share, 2)
+        if partner is None or evidence[rotor] - evidence[partner] > ODDS:
+            return (rotor,), np.array([share]), False
+        return (min(rotor, partner), max(rotor, partner)), np.repeat(0.5 * share, 2), True
 
     def of_arm(
         self, lacked: Array, given: Array, lateral: Array, variance: Array, rotor: int,
