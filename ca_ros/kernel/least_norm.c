@@ -15,8 +15,8 @@
 #define STEPS 50
 /* Number of steps without a smaller residual after which the iteration ends. */
 #define IDLE 16
-/* Number of steps along axes that the free rotors do not span after which u is considered likely
- * to be unattainable. */
+/* Number of steps along axes that the free rotors do not span after which each further one tries to
+ * prove that u is unattainable. */
 #define STRAYS 1
 /* Norm of a column of the free rows of the basis below which they do not span an axis. */
 #define SINGULAR_MIN CA_CHOOSE(1e-8, 1e-4)
@@ -518,7 +518,7 @@ typedef struct {
     ca_search *search;    /* its y in: the first iterate; out: of the best or, if early, the last */
     ca_real *thrusts;     /* of the best iterate; if early only if within the tolerance */
     ca_real residual;     /* of the best iterate */
-    int early;            /* whether to end when u is proven or likely to be unattainable */
+    int early;            /* whether to end after few steps, or when u is proven to be unattainable */
 } newton;
 
 /* The share of the tolerance that the iteration aims at: its answers are also exact with another
@@ -712,7 +712,8 @@ static void iterate(newton *it)
         if (astray && it->early && ++strays > STRAYS) {
             search->unattainable =
                 is_beyond(problem, search, step) || is_beyond(problem, search, y);
-            break;
+            if (search->unattainable)
+                break;
         }
         multiply_basis(program, step, rates);
         if (!astray) {
