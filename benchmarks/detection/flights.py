@@ -25,11 +25,11 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 VEHICLES = 'hexarotor', 'quadrotor', 'octorotor', 'x8', 'y6'
 
-TUNING = 1000
+TUNING = 5000
 """Seeds below are for the choice of settings."""
 
-PUBLISHED = 5000
-"""The first seed of what is published; settings were chosen on seeds below 1000."""
+PUBLISHED = 9000
+"""The first seed of what is published; settings were chosen on seeds below 5000."""
 
 DURATION = 120.0  # of a flight without a failure [s]
 LOST = 6.0, 12.0  # when a rotor fails in a flight, at the earliest [s]
