@@ -27,7 +27,9 @@ class FailureDetector:
     second, `HypothesisTest` compares the sums over several windows of time with what each rotor
     should have given, and with disturbances; rotors that three tests in a row name have failed.
 
-    While nothing is suspected, the mean disturbance, the drag and the noise are learnt.
+    While nothing is suspected, the mean disturbance, the drag and the noise are learnt.  Nothing
+    is tested until the motors have settled after the first command, and in the first second of a
+    flight that begins in mid-air, or after `reset`.
 
     `command`, `measure`, `observe` and `announce` raise a ValueError if there is another number of
     numbers, or one is not finite or out of bounds; it has then entered nothing.
