@@ -50,7 +50,7 @@ class Recorder(Node):
 
     `links` are topics that need a publisher and a subscriber before the flight starts.  The
     `foreign` nodes may lack parameters of ours, or have none.  `measures`: whether to record the
-    measured rotor speeds, which slows lockstep by 3 to 5 %.
+    measured rotor speeds, which slows lockstep by 3 to 5 %, and an Imu.
     """
 
     def __init__(
@@ -88,13 +88,18 @@ class Recorder(Node):
         quality = deep()
         self.samples = Samples()
         self.wrenches: dict[str, dict[int, tuple[float, ...]]] = {name: {} for name in DEMANDED}
-        self._measured: dict[int, Sequence[float]] = {}
+        self._measured: dict[str, dict[int, Sequence[float]]] = {
+            'measured': {}, 'specific_force': {}}
         receivers: dict[Topic, Callable[[Any], None]] = {
             topics.SPEED_COMMAND: self._receive_command,
             **{topic: partial(self.samples.add, topic.name) for topic in (*SAMPLED, topics.TILTS)},
         }
         if self._measures:
+            # Only this needs the package of the message.
+            from sensor_msgs.msg import Imu
+
             receivers[topics.MEASURED_SPEEDS] = self._receive_measured
+            receivers[Topic(topics.IMU, Imu)] = self._receive_imu
         receivers |= {topic: partial(self._receive_wrench, topic.path)
                       for topic in (topics.WRENCH, topics.UNALLOCATED, topics.RESIDUAL)}
         self._streams = [
@@ -123,7 +128,7 @@ class Recorder(Node):
         if self.samples.start is None:
             # Before the flight only the newest samples matter, of which one becomes the first.
             self.samples.forget(1_000_000_000)
-            kept: list[dict[int, Any]] = [*self.wrenches.values(), self._measured]
+            kept: list[dict[int, Any]] = [*self.wrenches.values(), *self._measured.values()]
             for stamps in kept:
                 while len(stamps) > RECENT:
                     del stamps[next(iter(stamps))]
@@ -234,14 +239,21 @@ class Recorder(Node):
         origin = self.samples.start or 0
         flight = self.samples.flight(self.end(duration), origin)
         stamps = (np.round(flight.time * 1e9).astype(int) + origin).tolist()
-        none = [np.nan] * flight.speeds.shape[1]
-        if not self._measured.keys() & {*stamps}:
-            return flight
-        return replace(flight, measured=np.array([self._measured.get(t, none) for t in stamps]))
+        found: dict[str, Any] = {}
+        for name, size in (('measured', flight.speeds.shape[1]), ('specific_force', 3)):
+            numbers, none = self._measured[name], [np.nan] * size
+            if numbers.keys() & {*stamps}:
+                found[name] = np.array([numbers.get(time, none) for time in stamps])
+        return replace(flight, **found)
 
     def _receive_measured(self, message: Float64MultiArray) -> None:
         if (time := speeds_stamp(message)) is not None:
-            self._measured[time] = message.data
+            self._measured['measured'][time] = message.data
+
+    def _receive_imu(self, message: Any) -> None:
+        force = message.linear_acceleration
+        time = nanoseconds(message.header.stamp)
+        self._measured['specific_force'][time] = force.x, force.y, force.z
 
     def _receive_wrench(self, topic: str, message: WrenchStamped) -> None:
         self.wrenches[topic][nanoseconds(message.header.stamp)] = wrench_numbers(message)

@@ -131,8 +131,8 @@ def fly(
     """Fly to a waypoint; return one sample at each step up to the `duration` [s].
 
     The samples have the measured states and the commanded rotor speeds and tilt angles; with a
-    detection, the measured speeds, too, from the first step on, as bringup records them.  Raises a
-    FloatingPointError if the flight diverges because the gains or the steps are too large, or a
+    detection, the measured speeds, too, from the first step on, and what an accelerometer
+    measures, as bringup records them.  Raises a FloatingPointError if the flight diverges because the gains or the steps are too large, or a
     ValueError if a time step is given for a plant.
 
     - `body`: a plant is flown from its initial state, and stays as it is
@@ -146,7 +146,7 @@ def fly(
     - `detection`: failures that it finds in a sample take effect at that sample
     """
     samples: list[tuple[Array, ...]] = []
-    measured: list[Array] = []
+    measured, forces = list[Array](), list[Array]()
     plant = _plant_of(body, time_step).restarted(state)
     if failures is not None:
         plant.failures = failures
@@ -158,7 +158,8 @@ def fly(
         while pending and pending[-1].time <= now:
             due.append(pending.pop())
         if detection:
-            due += detection.observe(now, state, plant.specific_force)
+            force = plant.specific_force
+            due += detection.observe(now, state, force)
         for change in due:
             pilot.take(change)
             if detection and change.announced is not None:
@@ -179,6 +180,8 @@ def fly(
         if detection:
             detection.command(now, command)
             measured.append(plant.speeds if samples else np.full_like(plant.speeds, np.nan))
+            if force is not None:
+                forces.append(force)
         samples.append((state, velocity, command))
         plant.step(command)
     flown, velocities, given = map(np.array, zip(*samples, strict=True))
@@ -186,7 +189,7 @@ def fly(
     return Flight(
         np.arange(len(flown)) * step_ns / 1e9, flown[:, POSITION], flown[:, ATTITUDE], velocities,
         flown[:, ANGULAR_VELOCITY], given[:, :n], given[:, n:],
-        np.array(measured)[:, :n] if measured else np.zeros((0, 0)),
+        np.array(measured)[:, :n] if measured else np.zeros((0, 0)), np.array(forces),
     )
 
 

@@ -28,6 +28,7 @@ class Flight:
     - `angles` (K, k): the same of the angles of servos [rad]
     - `measured` (K, n): rotor speeds that were measured at the samples, NaN where none was
       [rad/s]; empty without measurements
+    - `specific_force` (K, 3): the same of an accelerometer [m/s^2]
     """
 
     time: Array
@@ -38,9 +39,10 @@ class Flight:
     speeds: Array
     angles: Array = field(default_factory=lambda: np.zeros((0, 0)))
     measured: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    specific_force: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        for name in ('angles', 'measured'):
+        for name in ('angles', 'measured', 'specific_force'):
             object.__setattr__(self, name, getattr(self, name).reshape(len(self.time), -1))
 
     @property
@@ -92,6 +94,7 @@ class Flight:
             ('gyro_x', 'gyro_y', 'gyro_z'): self.angular_velocity,
             numbered('command', self.speeds): self.speeds,
             numbered('speed_measured', self.measured): self.measured,
+            ('acc_x', 'acc_y', 'acc_z')[: self.specific_force.shape[1]]: self.specific_force,
         }
         pairs = tables.items()
         return {name: table[:, i] for names, table in pairs for i, name in enumerate(names)}
