@@ -132,8 +132,8 @@ def fly(
 
     The samples have the measured states and the commanded rotor speeds and tilt angles; with a
     detection, the measured speeds, too, from the first step on, and what an accelerometer
-    measures, as bringup records them.  Raises a FloatingPointError if the flight diverges because the gains or the steps are too large, or a
-    ValueError if a time step is given for a plant.
+    measures, as bringup records them.  Raises a FloatingPointError if the flight diverges because
+    the gains or the steps are too large, or a ValueError if a time step is given for a plant.
 
     - `body`: a plant is flown from its initial state, and stays as it is
     - `time_step`: of a rigid body [s], by default 0.01 s, rounded to whole nanoseconds as in the
