@@ -77,7 +77,7 @@ class MonitorNode(Node):
         topic = topics.ROTOR_HEALTH
         self._health = self.create_publisher(
             topic.kind, topic.name, standing(self._mode.name), event_callbacks=NO_EVENTS)
-        self.streams.subscribe_commands(self._receive_command, len(self.detector.vehicle.servos))
+        self.streams.subscribe_commands(self._receive_command, self._bounds)
         # Subscriptions are served in this order, so a restart comes before its state.
         self.belief.subscribe_announcements(self.streams)
         restart = topics.STATE_RESTART
@@ -157,13 +157,8 @@ class MonitorNode(Node):
             **since,
         }
 
-    def _receive_command(self, message: Float64MultiArray, *angles: Float64MultiArray) -> None:
-        self._counts['received'] += 1
-        parts = [message.data, *(each.data for each in angles)]
-        if fault := self._bounds.fault(*parts):
-            self.diagnostics.drop(*fault)
-            return
-        command, time = np.concatenate(parts), messages.speeds_stamp(message)
+    def _receive_command(self, message: Float64MultiArray, command: Array) -> None:
+        time = messages.speeds_stamp(message)
         time = self._observed if time is None else time
         # By the stamps, a second answer to a repeated state would be a second command.
         if time is None or (time == self._commanded and not self._mode.clocked):

@@ -58,7 +58,6 @@ class SimulatorNode(Node):
         vehicle = Vehicle.from_settings(settings.vehicle, settings.rotors)
         body = body_of(vehicle, settings.simulator)
         self.plant = Plant(body, settings.simulator, imu=settings.detector)
-        self._bounds = CommandBounds(vehicle)
         self.parameters.on_change(self._read_failures, self._set_failures)
         self.diagnostics = Diagnostics(self, 'simulation', str(settings.vehicle.name))
         self._counts = self.diagnostics.counts
@@ -85,7 +84,7 @@ class SimulatorNode(Node):
         self.create_service(Trigger, '~/reset', self._reset)
         self._angles = [publish(topic) for topic in topics.needed(
             (topics.SPEEDS, topics.TILTS), len(vehicle.servos))[1:]]
-        self.streams.subscribe_commands(self._receive, len(vehicle.servos))
+        self.streams.subscribe_commands(self._receive, CommandBounds(vehicle))
         period = self._period_ns / 1e9 if clocked else STATE_REPEAT
         turn = self._catch_up if clocked else self._repeat
         self._time = self.get_clock().now().nanoseconds if clocked else 0
@@ -113,13 +112,7 @@ class SimulatorNode(Node):
     def _fall_back(self, action: str) -> None:
         self._command = fallback(action, self.plant.body.vehicle, self._command)
 
-    def _receive(self, command: Float64MultiArray, *angles: Float64MultiArray) -> None:
-        self._counts['received'] += 1
-        parts = [command.data, *(each.data for each in angles)]
-        if fault := self._bounds.fault(*parts):
-            self.diagnostics.drop(*fault)
-            return
-        numbers = np.concatenate(parts)
+    def _receive(self, command: Float64MultiArray, numbers: Array) -> None:
         if self._mode.clocked:
             if self._resting:
                 if messages.answers_nothing(command):

@@ -7,6 +7,7 @@ from math import inf
 from time import monotonic, sleep
 from typing import Any
 
+import numpy as np
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -17,11 +18,13 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 
+from ca_ros.arrays import Array
 from ca_ros.nodes import topics
 from ca_ros.nodes.messages import speeds_stamp
 from ca_ros.nodes.mode import RealTime
 from ca_ros.nodes.rclpy_internals import RMWError
 from ca_ros.nodes.topics import Topic, offered, requested
+from ca_ros.vehicle.command_bounds import CommandBounds
 
 _Taken = tuple[bytes, dict[str, Any]]  # a serialized message and the information about it
 SIZE_MAX = 16384  # largest message of a stream [bytes]: 2000 rotor speeds
@@ -90,9 +93,15 @@ class Streams:
         given = kind, name, receive, quality or requested('realtime')
         self.listened.append(self._node.create_subscription(*given, event_callbacks=events))
 
-    def subscribe_commands(self, receive: Callable[..., None], servos: int) -> None:
-        """Subscribe to rotor speeds; if there are servos, to speeds and angles by stamp."""
-        parts = topics.needed(topics.COMMAND_PARTS, servos)
+    def subscribe_commands(
+        self, receive: Callable[[Float64MultiArray, Array], None], bounds: CommandBounds
+    ) -> None:
+        """Subscribe to rotor speeds; if there are servos, to speeds and angles by stamp.
+
+        `receive` gets the message of the speeds, and the command (n + k,); one that is out of
+        bounds is dropped.
+        """
+        parts = topics.needed(topics.COMMAND_PARTS, len(bounds.servos))
         waiting: dict[str, Float64MultiArray] = {}
 
         def join(own: str, others: Sequence[str], message: Float64MultiArray) -> None:
@@ -103,7 +112,15 @@ class Streams:
             waiting[own] = message
             stamp = speeds_stamp(message)
             if all(each in waiting and speeds_stamp(waiting[each]) == stamp for each in others):
-                receive(*[waiting.pop(topic.name) for topic in parts])
+                finish(*[waiting.pop(topic.name) for topic in parts])
+
+        def finish(speeds: Float64MultiArray, *angles: Float64MultiArray) -> None:
+            self._counts['received'] += 1
+            numbers = [each.data for each in (speeds, *angles)]
+            if fault := bounds.fault(*numbers):
+                self._drop(*fault)
+            else:
+                receive(speeds, np.concatenate(numbers))
 
         for topic in parts:
             others = [each.name for each in parts if each is not topic]

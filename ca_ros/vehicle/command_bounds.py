@@ -21,19 +21,20 @@ class CommandBounds:
     `rounding`: how far a command may exceed a bound; relative, of angles in rad.
 
     - `least` and `greatest` (n,): speeds of the motors [rad/s]
+    - `servos`: all of them, as if none stuck
     """
 
     def __init__(self, vehicle: Vehicle, rounding: float = ROUNDING) -> None:
         least, greatest = vehicle.rated_speeds
-        self._n, self._servos = vehicle.n, vehicle.servos.sound
+        self._n, self.servos = vehicle.n, vehicle.servos.sound
         self.least, self.greatest = np.minimum(least, 0.0), greatest
-        least, greatest = self._servos.limits
+        least, greatest = self.servos.limits
         lower = np.concatenate([self.least, least])
         upper = np.concatenate([self.greatest, greatest])
         low = np.concatenate([self.least * (1.0 + rounding), least - rounding])
         high = np.concatenate([self.greatest * (1.0 + rounding), greatest + rounding])
         self._what, self._expected = 'rotor speeds', f'{self._n}'
-        if len(self._servos):
+        if len(self.servos):
             self._what = 'rotor speeds and tilt angles'
             self._expected += f' and {len(least)}'
         self._low, self._high = low, high
@@ -78,4 +79,4 @@ class CommandBounds:
         if numbers.shape != self._low.shape or not (abs(numbers) <= ABSURD).all():
             raise ValueError(f'command {command}: expected {len(self._low)} numbers up to 1e100')
         speeds = np.minimum(np.maximum(numbers[: self._n], self.least), self.greatest)
-        return np.concatenate([speeds, self._servos.within(numbers[self._n :])])
+        return np.concatenate([speeds, self.servos.within(numbers[self._n :])])
