@@ -1,10 +1,12 @@
 """Recorded flights through the detector: names, injected losses, and what is not recorded."""
 
+import re
 from functools import cache
 
 import numpy as np
 import pytest
 
+from benchmarks.detection import recordings
 from ca_ros import Vehicle
 from ca_ros.__main__ import main
 from ca_ros.control.waypoint import Waypoint
@@ -119,3 +121,22 @@ def test_what_cannot_be_replayed_is_refused(tmp_path, capsys):
              gyro=np.zeros((301, 3)))
     assert main(['replay', str(tmp_path / 'flight.npz'), 'hexarotor']) == 1
     assert 'expected a velocity, or a specific force' in capsys.readouterr().err
+
+
+def test_many_flights_give_a_row_of_the_page(tmp_path, capsys):
+    _, sound, _ = recorded()
+    _, failed, _ = recorded(2)
+    files = []
+    for name, recording in (('sound', sound), ('failed', failed)):
+        streams = {f't_{stream}': times for stream, times in recording.times.items()}
+        files.append(str(tmp_path / f'{name}.npz'))
+        np.savez(files[-1], **streams, **recording.values)
+    assert recordings.main([*files, 'hexarotor_realistic']) == 0
+    _, named, row = capsys.readouterr().out.splitlines()
+    assert 'flight 4.' in named
+    assert '[3]' in named
+    assert '2 flights' in row
+    # The rotor that is lost for good is named again after each reset.
+    assert re.search('launch 0, flight [1-9], landing 0; warnings of the lag: 0', row)
+    assert recordings.main([files[0], 'hexarotor_realistic', '--losses']) == 0
+    assert 'losses named right 12/12' in capsys.readouterr().out
