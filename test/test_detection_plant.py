@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from benchmarks.detection import tables
+from benchmarks.detection import own_plant, tables
 from benchmarks.detection.conditions import CALM, CONTACTS, FLOWN, NOTHING, Condition
 from benchmarks.detection.flights import Count, Outcome, Setup, landed, namings
 from benchmarks.detection.plant import (
@@ -25,6 +25,7 @@ from benchmarks.detection.plant import (
 from benchmarks.detection.reallocation import acting, fly_on
 from ca_ros.simulation.drag import Drag
 from ca_ros.simulation.rigid_body import RigidBody
+from ca_ros.studies.cases import Case
 from ca_ros.vehicle.state import rotation_matrix
 from strategies import rk4
 
@@ -281,3 +282,11 @@ def test_tables_know_arms_and_intervals():
     assert tables.quantile([arm, partner], 0.9) == 'never'
     assert tables.rate(0, 3.0) == '0.0 [0.0, 1.2]'  # -ln(0.025) / 3
     assert tables.share(2, 2) == '2/2: 100.0 [15.8, 100.0]'  # sqrt(0.025)
+
+
+@pytest.mark.parametrize('told', [2, 3])
+def test_a_loss_on_our_own_plant_is_judged_by_the_rotor_that_is_said_to_fail(told):
+    case = Case.load('hexarotor_realistic')
+    right, wrong, after, flies = own_plant.flown(case, {told: '2@2.0'}, 1000)
+    assert (right, wrong, flies) == (told == 2, told != 2, True)
+    assert told != 2 or 0.0 < after < 0.15
