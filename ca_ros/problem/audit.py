@@ -361,9 +361,10 @@ def accept(subject: Vehicle | AllocationProblem, lost_axes: str | None = None) -
     if choice == 'refuse' and not report.sound:
         without = f'without {", ".join(report.lost)}' if report.lost else 'as it is'
         flies = '' if report.keeps_hovering else f', although {report.full.aim} is not attainable'
+        made = ', or fail and with_health of an allocator made before' * report.full.failed
         raise ParameterError(
             f'allocation.lost_axes: this {report.full.subject} is refused: {report} '
-            f"('drop' accepts it {without}{flies}; in Python lost_axes='drop' of make_allocator, "
-            'or fail and with_health of an allocator made before)'
+            f"('drop' accepts it {without}{flies}; in Python lost_axes='drop' of make_allocator"
+            f'{made})'
         )
     return report
