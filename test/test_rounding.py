@@ -136,7 +136,8 @@ SHARED = {
         'EXACT_SUM': qp.EXACT_SUM, 'SUM': qp.SUM, 'AIM': qp.AIM},
     'priorities.c': {
         'ZERO': lp.ZERO, 'SLACK': lp.SLACK, 'RATE_MIN': lp.RATE_MIN, 'MAGNIFIED': lp.MAGNIFIED,
-        'PIVOTS_PER_VARIABLE': lp.PIVOTS_PER_VARIABLE, 'INSIDE': prioritization.INSIDE,
+        'PIVOTS_PER_VARIABLE': lp.PIVOTS_PER_VARIABLE, 'AT_BOUND': lp.AT_BOUND,
+        'NEAR': lp.NEAR, 'INSIDE': prioritization.INSIDE,
         'REST': prioritization.REST, 'ERROR_FACTOR': prioritization.ERROR_FACTOR},
     'priorities.h': {
         'CA_LAG': prioritization.LAG, 'CA_LAG_RATIO': prioritization.LAG_RATIO},

@@ -55,6 +55,10 @@ typedef ca_real real;
 #define SLACK CHOOSE(1e-12, 1e-6, 1e-7)
 /* Rate below which a variable does not block a move. */
 #define RATE_MIN CHOOSE(1e-9, 1e-6, 1e-6)
+/* Weight of the rate of a variable less than NEAR from its bound, if one is to enter the basis without
+ * a move. */
+#define AT_BOUND REAL(0.1)
+#define NEAR REAL(1e-3)
 /* Bound of the pivots of one push, per variable. */
 #define PIVOTS_PER_VARIABLE 3
 /* Greatest share of the way to the boundary of the set where a line may begin. */
@@ -350,9 +354,12 @@ static void release(simplex *s, int v)
         return;
     for (int j = 0; j < s->columns; j++) {
         const int x = ROWS + j;
-        /* A thrust whose bounds have met is the last choice. */
-        const real weight = s->lower[x] < s->upper[x]       ? REAL(1)
-                               : s->variable[x] < s->thrusts ? REAL(1e-6)
+        /* A thrust near its bound would soon block, however small its rate. One whose bounds have met
+         * is the last choice. */
+        const int inside = s->lower[x] + NEAR < s->value[x] && s->value[x] < s->upper[x] - NEAR;
+        const real weight = inside                           ? REAL(1)
+                            : s->lower[x] < s->upper[x]      ? AT_BOUND
+                            : s->variable[x] < s->thrusts    ? REAL(1e-6)
                                                              : 0;
         const real size = weight * real_abs(s->rates[r][j]);
         if (size > greatest) {
@@ -408,6 +415,21 @@ static int add_lag(simplex *s, int count, const int *axes, const real *goals,
         }
     }
     return lag;
+}
+
+/* Scale a basic variable so that its rates are of the order of 1, as those of the others: the lag of
+ * small weights has greater ones, and as much greater rounding errors. */
+static void normalize(simplex *s, int v)
+{
+    const int r = s->place[v];
+    real greatest = 1;
+    for (int j = 0; r < ROWS && j < s->columns; j++)
+        greatest = real_max(greatest, real_abs(s->rates[r][j]));
+    for (int j = 0; r < ROWS && j < s->columns; j++)
+        s->rates[r][j] /= greatest;
+    s->value[r] /= greatest;
+    s->lower[r] /= greatest;
+    s->upper[r] /= greatest;
 }
 
 static void clear(const ca_problem *p, simplex *s)
@@ -646,7 +668,9 @@ static void serve_later(const ca_problem *p, const real *goals, const real *refe
                 distances[k] = real_abs(goals[axis] - reference[axis]);
             }
             weigh_lags(count, distances, weights);
-            push(s, add_lag(s, count, p->order + i, ends, weights), 0);
+            const int lag = add_lag(s, count, p->order + i, ends, weights);
+            push(s, lag, 0);
+            normalize(s, lag);
         }
         for (int k = 0; k < count; k++) {
             const int axis = p->order[i + k];

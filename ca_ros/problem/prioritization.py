@@ -387,6 +387,7 @@ class Prioritization:
                     [max(max(each, LAG) / longest, LAG_RATIO) for each in distances],
                 )
                 run.push(lag, 0.0)
+                simplex.normalize(lag)
             for row in group:
                 run.push(offset + row, goals[row])
 

@@ -11,6 +11,8 @@ SLACK = 1e-12  # distance by which rounding may move a variable out of its bound
 RATE_MIN = 1e-9  # rate below which a variable does not block a move
 MAGNIFIED = 1e-3  # share of `doubt` below which a rate may be magnified rounding errors
 
+AT_BOUND = 0.1  # weight of the rate of a variable near its bound that is to enter without a move
+NEAR = 1e-3  # distance from a bound that counts as near
 PIVOTS_PER_VARIABLE = 3  # limit of one push; the tests need one at most
 
 
@@ -135,13 +137,27 @@ class Simplex:
         self.lower[v] = self.upper[v] = self.value[v]
         if v in self._basic:
             r = self._basic.index(v)
-            # A thrust whose bounds have met is the last choice.
+            # A thrust near its bound would soon block, however small its rate.  One whose bounds
+            # have met is the last choice.
             sizes = [
-                abs(rate) if self.lower[x] < self.upper[x]
+                abs(rate) if self.lower[x] + NEAR < self.value[x] < self.upper[x] - NEAR
+                else AT_BOUND * abs(rate) if self.lower[x] < self.upper[x]
                 else 1e-6 * abs(rate) * (x < self._thrusts)
                 for rate, x in zip(self._rates[r], self._nonbasic, strict=True)
             ]
             self._pivot(r, sizes.index(max(sizes)))
+
+    def normalize(self, v: int) -> None:
+        """Scale a basic variable so that its rates are of the order of 1, as those of the others.
+
+        The lag of small weights has greater ones, and as much greater rounding errors.
+        """
+        if v in self._basic:
+            r = self._basic.index(v)
+            greatest = max(1.0, *map(abs, self._rates[r]))
+            self._rates[r] = [rate / greatest for rate in self._rates[r]]
+            for numbers in (self.value, self.lower, self.upper):
+                numbers[v] /= greatest
 
     def hold(self, rows: Sequence[int], goals: Sequence[float]) -> None:
         """Push variables to their goals, one after the other, and release each there."""
