@@ -150,29 +150,27 @@ def fly(
     plant = _plant_of(body, time_step).restarted(state)
     if failures is not None:
         plant.failures = failures
-    step_ns, time_step = plant.time_step_ns, plant.time_step
-    pilot = Pilot(controller, allocator)
+    pilot, step_ns = Pilot(controller, allocator), plant.time_step_ns
     pending = sorted(changes, key=lambda change: change.time)[::-1]
-    for now in range(0, (steps(duration, time_step) + 1) * step_ns, step_ns):
+    for now in range(0, (steps(duration, plant.time_step) + 1) * step_ns, step_ns):
         state, due = plant.measured, []
         while pending and pending[-1].time <= now:
             due.append(pending.pop())
         if detection:
-            force = plant.specific_force
-            due += detection.observe(now, state, force)
+            due += detection.observe(now, state, plant.specific_force)
         for change in due:
             pilot.take(change)
             if detection and change.announced is not None:
                 detection.announce(*change.announced)
             plant.body = change.body or plant.body
             waypoint = change.waypoint or waypoint
-        velocity = velocity_in_body(state)
+        velocity, omega = velocity_in_body(state), state[ANGULAR_VELOCITY]
+        motion = state[POSITION], state[ATTITUDE], velocity, omega
         try:
-            pose, omega = (state[POSITION], state[ATTITUDE]), state[ANGULAR_VELOCITY]
-            wrench = pilot.controller.wrench(*pose, velocity, omega, waypoint, now)
+            wrench = pilot.controller.wrench(*motion, waypoint, now)
         except ValueError as error:
-            what = f'after {now / 1e9:g} s the flight diverges'
-            raise FloatingPointError(f'{what}: {error}') from error
+            raise FloatingPointError(
+                f'after {now / 1e9:g} s the flight diverges: {error}') from error
         last = samples[-1][2] if samples else plant.body.vehicle.idle_command
         # Before the first command the rotors have all the time that counts.
         before = now - step_ns if samples else now - round(1e9 * PERIOD_MAX)
@@ -180,8 +178,8 @@ def fly(
         if detection:
             detection.command(now, command)
             measured.append(plant.speeds if samples else np.full_like(plant.speeds, np.nan))
-            if force is not None:
-                forces.append(force)
+            if plant.specific_force is not None:
+                forces.append(plant.specific_force)
         samples.append((state, velocity, command))
         plant.step(command)
     flown, velocities, given = map(np.array, zip(*samples, strict=True))
