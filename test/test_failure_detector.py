@@ -459,6 +459,31 @@ def test_after_wrong_numbers_a_loss_is_found(long_flight, seed):
     assert 12.0 < (both[0].since[1] - start) / 1e9 < 12.2
 
 
+@pytest.mark.parametrize(('before', 'after'), [(1.4, 0.0), (0.5, 0.5)])
+@pytest.mark.parametrize('start', ['new', 'gap', 'reset'])
+def test_a_flight_that_is_met_in_mid_air_is_learnt_for_a_second(long_flight, start, before, after):
+    # Rotor 2 fails some time after the start.
+    case, rows = long_flight
+    both, begin = both_engines(case.vehicle, case.flown.detector), 12.0 - before
+    for time, *state, speeds in rows:
+        if start == 'new' and time / 1e9 < begin:
+            continue
+        if start == 'gap' and begin - 0.6 < time / 1e9 < begin:
+            continue
+        answers(both, 'observe', time, *state)
+        answers(both, 'command', time, speeds)
+        if start == 'reset' and time == round(begin * 1e9):
+            for detector in both:
+                detector.reset()
+        assert_equal(both)
+    late = after if start == 'reset' or not after else after + 0.2
+    found = both[0].since[1]
+    if late:
+        assert found is None or found / 1e9 >= 12.0 + late
+    else:
+        assert 12.0 < found / 1e9 < 12.2
+
+
 @pytest.mark.parametrize('engine', [0, 1], ids=['numpy', 'c'])
 def test_a_refused_number_enters_nothing(long_flight, engine):
     case, rows = long_flight
@@ -737,6 +762,22 @@ def test_the_evidence_is_a_ratio_of_gaussian_densities():
     assert found.named == (2,)
     np.testing.assert_allclose(found.lost, share, rtol=1e-9)
     np.testing.assert_allclose(found.errors[2], (weights @ signature**2) ** -0.5, rtol=1e-6)
+
+
+@pytest.mark.parametrize('drag_lost', [0.0, 1.0])
+def test_a_weak_rotor_may_keep_its_drag_or_lose_it(drag_lost):
+    # In wind the drag of rotor 3 gives more yaw than its thrust, and yaw is known best.
+    find, rng = HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR)), np.random.default_rng(0)
+    lateral, shares = np.array([[0.0, 0.48]]), []
+    for _ in range(50):
+        age, lacked, given, _, variance = windows(rng, lost=0.6)
+        variance[0, 5] *= 0.01
+        force = np.append(lateral[0] / 6.0, 0.0)
+        drag = np.concatenate([force, np.cross(HEXAROTOR.arms[2], force)])
+        found = find(age, lacked - 0.6 * drag_lost * drag, given, lateral, variance, *UNKNOWN)
+        assert found.named == (2,)
+        shares.append(found.shares[2])
+    assert np.mean(shares) == pytest.approx(0.6, abs=0.05)
 
 
 @pytest.mark.parametrize('kind', ['push', 'foot', 'loss'])
