@@ -214,7 +214,6 @@ class AllocationProblem:
         self.lower, self.upper = constant(sets.lower), constant(sets.upper)
         self._shape, self.middle = (len(gamma),), constant(sets.middle)
         self.center, self.extent = map(constant, sets.image(self.gamma))
-        self.resting_thrusts = constant(sets.project(np.zeros(sets.n)))
         self.half_range = constant((self.upper - self.lower) / 2.0)
 
     def _name(self, names: Sequence[str]) -> None:
@@ -227,6 +226,11 @@ class AllocationProblem:
                 name if size == 1 else f'{name}.{k + 1}'
                 for name, size in pairs for k in range(size)
             )
+
+    @cached_property
+    def resting_thrusts(self) -> Array:
+        """The components (n,) within the sets that are nearest to zero [N]."""
+        return constant(self.sets.project(np.zeros(self.sets.n)))
 
     @cached_property
     def program(self) -> BoxProgram | SetsProgram:
