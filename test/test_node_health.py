@@ -202,6 +202,20 @@ def test_in_lockstep_each_wrench_gets_the_answer_of_the_health_with_its_stamp(
             np.testing.assert_array_equal(each.data, expected)
 
 
+def test_in_lockstep_a_wrench_that_waits_gets_no_answer_from_older_health(graph, tmp_path):
+    flown = Flown(
+        graph, tmp_path, 'hexarotor', '--ros-args', '-p', 'mode:=lockstep', '-p',
+        'await_health:=true')
+    for _ in range(5):
+        flown.command.publish(wrench(flown.demand, 10**7, 'base_link'))
+        flown.parameters.get('mode')
+        flown.health.publish(speeds_message(np.ones(flown.n), 0, 'rotor health'))
+        flown.parameters.get('mode')
+    assert flown.speeds == []
+    flown.health.publish(speeds_message(np.ones(flown.n), 10**7, 'rotor health'))
+    graph.spin_until(lambda: flown.speeds, 'an answer')
+
+
 def test_in_lockstep_health_that_comes_again_gets_the_answer_again(graph, tmp_path):
     """Its giver has not got it; without an answer there is none to give."""
     flown = Flown(

@@ -210,7 +210,7 @@ class AllocatorNode(Node):
         """Serve what waited for the health; the monitor gets again the command that it lacks."""
         held, self._held = self._held, None
         if held is not None:
-            self._serve(held)
+            self._serve_in_lockstep(held)
         elif self.belief.lacks_answer(self._newest):
             self._publish(self._last, self._newest)
 
