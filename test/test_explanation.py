@@ -169,7 +169,9 @@ def check_statements(case, answer):
         if not named:
             everything = [(i, side) for i in range(problem.n) for side in (-1, 1)]
             assert why.limits[problem.axes[k]] == 'axes that come first'
-            # Within the distance another rotor may reach its bound, and something be gained.
+            # What is said is of small moves.  Gains are linear in pieces: a greater move may take
+            # another rotor to its bound, and gain from there on.  None of 57 000 statements of
+            # seven shipped vehicles needs the smaller one.
             assert gains(everything)[k] < least or gains(everything, 0.1)[k] < least
             checked += 1
         for each in named:
