@@ -97,13 +97,47 @@ def test_moments_of_no_body_are_not_written():
     assert found.parameters['vehicle.inertia'][2] == vehicle.inertia[2, 2]
 
 
+def test_sure_inertias_that_a_guess_contradicts_are_not_left_without_a_reason():
+    vehicle, recording = flown('hexarotor')
+    gyro = recording.values['gyro'].copy()
+    gyro[:, 2] = np.random.default_rng(3).normal(size=len(gyro))
+    guess = replace(vehicle, inertia=np.diag([0.021, 0.011, 0.04]))
+    found = identify(guess, [recording.with_stream('gyro', gyro)])
+    assert not found.effectiveness['roll'].fault
+    assert not found.effectiveness['pitch'].fault
+    assert 'vehicle.inertia' not in found.parameters
+    for axis in 'xy':
+        why = found.left[f'vehicle.inertia about {axis}']
+        assert why.startswith('no body has the principal moments'), why
+        assert why.endswith('0.04]: correct the guess about z'), why
+    assert 'R^2' in found.left['vehicle.inertia about z']
+
+
 def test_noise_explains_nothing():
     vehicle, recording = flown('hexarotor')
     random = np.random.default_rng(3).normal(size=recording.values['gyro'].shape)
-    found = identify(vehicle, [recording.with_stream('gyro', random)])
+    found = identify(vehicle, [Recording(
+        recording.times, {'command': recording.values['command'], 'gyro': random})])
     assert all(found.effectiveness[axis].fault for axis in INERTIA)
     assert found.lag.fault
-    assert 'vehicle.inertia' not in found.parameters
+    assert found.parameters == {}
+    assert found.left['rotors.thrust_coefficient'] == 'no accelerometer'
+    assert found.left['detector.angular_velocity_noise'] == 'nothing else is sure'
+
+
+@pytest.mark.parametrize(('factor', 'unit'), [(1e3, 'ms'), (1e6, 'us')])
+def test_times_that_are_no_seconds_are_refused(factor, unit):
+    vehicle, recording = flown('hexarotor')
+    times = {name: factor * time for name, time in recording.times.items()}
+    with pytest.raises(ParameterError, match=f'^{unit}: t: .* t is in seconds$'):
+        identify(vehicle, [Recording(times, recording.values, unit)])
+
+
+def test_revolutions_per_minute_are_refused():
+    vehicle, recording = flown('hexarotor')
+    rpm = recording.with_stream('command', recording.values['command'] * 30.0 / np.pi)
+    with pytest.raises(ParameterError, match=r'^flight: command: up to .* 400 rad/s.* rpm'):
+        identify(vehicle, [rpm])
 
 
 def test_a_mirrored_frame_has_the_wrong_sign():
@@ -257,6 +291,23 @@ def test_the_command_writes_a_copy_with_what_is_sure(tmp_path, capsys):
     assert '# [kg], paper' in out.read_text(encoding='utf-8')
     assert main(['identify', str(tmp_path / 'flight.csv'), 'quadrotor']) == 1
     assert 'expected command_1, command_2, command_3, command_4' in capsys.readouterr().err
+    # A gyro in degrees per second is 57 times what the file tells.
+    degrees = recording.with_stream('gyro', np.degrees(recording.values['gyro']))
+    write(tmp_path / 'degrees.csv', degrees)
+    assert main(['identify', str(tmp_path / 'degrees.csv'), 'hexarotor']) == 0
+    assert 'warning: yaw: 6' in capsys.readouterr().err
+
+
+def test_the_command_writes_nothing_where_a_sign_is_wrong(tmp_path, capsys):
+    _, recording = flown('hexarotor')
+    mirrored = recording.with_stream('gyro', recording.values['gyro'] * [1.0, -1.0, -1.0])
+    write(tmp_path / 'flight.csv', mirrored)
+    out = tmp_path / 'mine.yaml'
+    assert main(['identify', str(tmp_path / 'flight.csv'), 'hexarotor', '--out', str(out)]) == 1
+    text, error = capsys.readouterr()
+    assert not out.exists()
+    assert 'detector.delay: wrong sign: pitch, yaw' in text
+    assert error.endswith('a sign is wrong: no parameter changes, and no file is written\n')
 
 
 def test_values_of_a_file_change_and_its_comments_stay():

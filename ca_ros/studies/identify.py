@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +18,9 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from ca_ros.vehicle.identification import Identification
+
+FAR = 10.0  # greatest ratio between what is fitted and the file that gets no warning
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
@@ -43,7 +47,13 @@ def run(options: argparse.Namespace) -> None:
     if not options.measured:
         flights = [speeds_of(vehicle, flight, options.throttle) for flight in flights]
     found = identify(vehicle, flights, options.measured)
-    print('\n'.join(report(found)))
+    print('\n'.join(report(found)), flush=True)
+    for warning in warnings(found):
+        print(f'ca_ros identify: warning: {warning}', file=sys.stderr)
+    if not found.parameters:
+        why = 'a sign is wrong' if found.wrong_signs else 'nothing is sure'
+        raise ParameterError(f'{why}: no parameter changes' + ', and no file is written' * (
+            options.out is not None))
     if options.out is not None:
         file = find(options.vehicle)
         text = read_text(file)
@@ -64,7 +74,19 @@ def report(found: Identification) -> list[str]:
     lines += [f'{name}: {each}; R^2 {each.r2:.2f}' for name, each in rows.items()]
     lines.append(f'white noise of the gyro: {found.noise:.3g} rad/s')
     lines.append('sure, as parameters:')
-    return [*lines, *(f'    {name}: {value}' for name, value in found.parameters.items())]
+    lines += [f'    {name}: {value}' for name, value in found.parameters.items()]
+    lines += ['not sure, so they stay:'] * bool(found.left)
+    return [*lines, *(f'    {name}: {why}' for name, why in found.left.items())]
+
+
+def warnings(found: Identification) -> list[str]:
+    """Return the ratios that are far from 1, in words."""
+    return [
+        f'{name}: {each.value:.3g} times the acceleration of the file: expected 1 / {FAR:g} to '
+        f'{FAR:g}; check the units of commands and gyro [rad/s], mass and first guess'
+        for name, each in found.effectiveness.items()
+        if not each.fault and not 1.0 / FAR <= each.value <= FAR
+    ]
 
 
 main = partial(command, 'identify', add_options, run)

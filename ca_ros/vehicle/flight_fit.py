@@ -28,6 +28,7 @@ BLOCK = 2.0  # length of the blocks of the bootstrap and of cross-validation [s]
 RATIO_MAX = 20.0  # greatest factor by which a first guess of the inertia may be wrong
 DAMPING_MAX = 10.0  # greatest rate at which air damps or drives a rotation [1/s]
 NEAR = 5  # lags and delays about the best, from which each resample chooses
+BEYOND = 3.0  # greatest command over the greatest speed of the vehicle's file
 EXCITED = 1e-6  # least variance of a side of the fit
 AXES = 'roll', 'pitch', 'yaw', 'thrust'
 
@@ -43,6 +44,18 @@ class FlightSides:
             raise ParameterError(f'{recording.name}: no measured rotor speeds')
         times = recording.times['gyro']
         self._step = float(np.median(np.diff(times)))
+        if 4.0 * HIGH_PASS * self._step >= 1.0:
+            raise ParameterError(
+                f'{recording.name}: t: a value of the gyro each {self._step:g} s: expected more '
+                f'than {4.0 * HIGH_PASS:g} in a second; t is in seconds'
+            )
+        turning, most = np.abs(recording.values[source]).max(), np.abs(
+            [vehicle.speed_min, vehicle.speed_max]).max()
+        if turning > BEYOND * most:
+            raise ParameterError(
+                f'{recording.name}: {source}: up to {turning:.4g}, but rotors.speed_max is '
+                f'{most:.4g} rad/s: expected rad/s; if these are rpm, multiply them by 2 pi / 60'
+            )
         start, end = recording.span
         if end - start < BLOCK:
             what = f'expected {BLOCK:g} s or more with command and gyro'

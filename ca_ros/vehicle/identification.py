@@ -23,6 +23,8 @@ BLOCKS_MIN = 6  # fewer of them give no interval
 RESAMPLES = 200
 SURE_WIDTH, SURE_R2 = 0.1, 0.5  # half width of the interval over the value, R^2 on unseen parts
 
+WRONG_SIGN = 'wrong sign: check order and spins of rotors, and frame'
+
 FIRST_GUESS = 'expected a first guess, such as that of a disc of the same mass and size'
 
 
@@ -58,7 +60,9 @@ class Identification:
       the vehicle's file, by the names of `AXES`; thrust is missing without an accelerometer
     - `kick`: inertia of a rotor over that of the vehicle about z
     - `noise`: standard deviation of the white noise of the gyro [rad/s]
-    - `parameters`: what is sure, by name, as values of a parameter file
+    - `parameters`: what is sure, by name, as values of a parameter file; nothing if a sign is
+      wrong
+    - `left`: why other parameters stay as they are, by name
     """
 
     lag: Estimate
@@ -68,6 +72,12 @@ class Identification:
     kick: Estimate
     noise: float
     parameters: dict[str, object]
+    left: dict[str, str]
+
+    @property
+    def wrong_signs(self) -> list[str]:
+        """The axes about which the vehicle moves against the file, surely."""
+        return [name for name, each in self.effectiveness.items() if each.fault == WRONG_SIGN]
 
 
 def identify(
@@ -103,7 +113,8 @@ def identify(
     Raises
     ------
     ParameterError
-        If the vehicle has no inertia, its rotors tilt, or the flights are too short.
+        If the vehicle has no inertia, its rotors tilt, the flights are too short, or times or
+        speeds are far from seconds and rad/s.
     """
     inertia_of(vehicle, FIRST_GUESS)
     if len(vehicle.servos):
@@ -143,44 +154,79 @@ def identify(
         i = 3 + AXES.index(name)
         found = estimate(i, '', r2[name])
         if found.value <= 0.0 and not found.fault:
-            found = replace(found, fault='wrong sign: check order and spins of rotors, and frame')
+            found = replace(found, fault=WRONG_SIGN)
         effectiveness[name] = found
     identified = Identification(
         lag=estimate(0, 's', common, 0.02), delay=estimate(1, 's', common, 0.02),
         total=estimate(2, 's', common, 0.02), effectiveness=effectiveness,
         kick=estimate(7, '', r2['yaw']),
-        noise=float(np.median([flight.noise for flight in flights])), parameters={},
+        noise=float(np.median([flight.noise for flight in flights])), parameters={}, left={},
     )
     return _with_parameters(identified, vehicle)
 
 
 def _with_parameters(found: Identification, vehicle: Vehicle) -> Identification:
-    """Return the identification with the parameters that are sure."""
-    given: dict[str, object] = {}
-    sure = {name: each for name, each in found.effectiveness.items() if not each.fault}
-    thrust = sure['thrust'].value if 'thrust' in sure else 1.0
-    if 'thrust' in sure:
-        given['rotors.thrust_coefficient'] = _rounded(vehicle.thrust_coefficient * thrust)
-        given['rotors.torque_coefficient'] = _rounded(vehicle.torque_coefficient * thrust)
-    moments = np.diag(inertia_of(vehicle)).copy()
-    torques = [i for i, name in enumerate(AXES[:3]) if name in sure]
-    for i in torques:
-        moments[i] *= thrust / sure[AXES[i]].value
+    """Return the identification with the parameters that are sure, and why others are not."""
     effectiveness = dict(found.effectiveness)
-    if 2 in torques and 2.0 * moments.max() > moments.sum():
-        what = f'no body has the principal moments {_rounded(moments)}'
+    rotors = 'rotors.thrust_coefficient', 'rotors.torque_coefficient'
+    inertia = {
+        f'vehicle.inertia about {axis}': name for axis, name in zip('xyz', AXES[:3], strict=True)
+    }
+    times = {'detector.motor_time_constant': found.lag, 'detector.delay': found.delay}
+    noise = 'detector.angular_velocity_noise'
+    if found.wrong_signs:
+        why = f'wrong sign: {", ".join(found.wrong_signs)}'
+        return replace(found, left=dict.fromkeys([*rotors, *inertia, *times, noise], why))
+    given: dict[str, object] = {}
+    left: dict[str, str] = {}
+    sure = {name: each.value for name, each in effectiveness.items() if not each.fault}
+    thrust = sure.get('thrust', 1.0)
+    for name, value in zip(
+        rotors, (vehicle.thrust_coefficient, vehicle.torque_coefficient), strict=True
+    ):
+        if 'thrust' in sure:
+            given[name] = _rounded(value * thrust)
+        else:
+            left[name] = _fault(effectiveness, 'thrust', 'no accelerometer')
+    before = np.diag(inertia_of(vehicle))
+    ratios = np.array([thrust / sure[name] if name in sure else 1.0 for name in AXES[:3]])
+    if 'yaw' in sure and not _is_body(before * ratios):
+        what = f'no body has the principal moments {_rounded(before * ratios)}'
         fault = f'{what}: rotors.torque_coefficient may be wrong'
-        effectiveness['yaw'] = replace(sure['yaw'], fault=fault)
-        moments[2] = inertia_of(vehicle)[2, 2]
-        torques.remove(2)
-    if torques and 2.0 * moments.max() <= moments.sum():
-        given['vehicle.inertia'] = _rounded(moments)
-    if not found.lag.fault:
-        given['detector.motor_time_constant'] = _rounded(found.lag.value)
-    if not found.delay.fault:
-        given['detector.delay'] = _rounded(found.delay.value)
-    given['detector.angular_velocity_noise'] = _rounded(found.noise)
-    return replace(found, effectiveness=effectiveness, parameters=given)
+        effectiveness['yaw'] = replace(effectiveness['yaw'], fault=fault)
+        del sure['yaw']
+        ratios[2] = 1.0
+    left |= {
+        title: _fault(effectiveness, name, 'no motion')
+        for title, name in inertia.items() if name not in sure
+    }
+    if moments := [title for title, name in inertia.items() if name in sure]:
+        if _is_body(before * ratios):
+            given['vehicle.inertia'] = _rounded(before * ratios)
+        else:
+            why = f'no body has the principal moments {_rounded(before * ratios)}'
+            stay = ', '.join(title[-1] for title, name in inertia.items() if name not in sure)
+            left |= dict.fromkeys(moments, f'{why}: correct the guess about {stay}')
+    for name, each in times.items():
+        if each.fault:
+            left[name] = each.fault
+        else:
+            given[name] = _rounded(each.value)
+    if given:
+        given[noise] = _rounded(found.noise)
+    else:
+        left[noise] = 'nothing else is sure'
+    return replace(found, effectiveness=effectiveness, parameters=given, left=left)
+
+
+def _fault(effectiveness: dict[str, Estimate], name: str, absent: str) -> str:
+    """Return why the ratio of an axis is not sure."""
+    return f'{name}: {effectiveness[name].fault}' if name in effectiveness else absent
+
+
+def _is_body(moments: ArrayLike) -> bool:
+    """Return whether a body can have the principal moments (3,) [kg m^2]."""
+    return bool(2.0 * np.max(moments) <= np.sum(moments))
 
 
 def _rounded(value: ArrayLike) -> object:
