@@ -135,6 +135,38 @@ def test_the_audit_of_a_problem():
         _ = report.vehicle
 
 
+ROWS = AllocationProblem(
+    [[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]], -0.5, 0.5,
+    axes=['roll', 'pitch', 'yaw'])
+
+
+@pytest.mark.parametrize('method', ['exact', 'pseudo_inverse', 'weighted_least_squares'])
+@pytest.mark.parametrize('failure', [
+    {'health': [0, 0, 0, 1]}, {'health': np.ones(4), 'stuck': {1: 0.0, 2: 0.0, 3: 0.0}}])
+@pytest.mark.parametrize('problem', [ROWS, PLANE])
+def test_an_axis_with_a_sound_effector_of_its_own_stays(problem, failure, method):
+    """Two lost axes come before yaw in the order, and yaw has an effector."""
+    left = make_allocator(method, problem).with_health(**failure)
+    assert left.lost_axes == ('roll', 'pitch')
+    np.testing.assert_allclose(left.allocate([0.0, 0.0, 0.2]).wrench, [0.0, 0.0, 0.2], atol=1e-5)
+
+
+def test_what_is_left_of_six_axes_has_the_rank_of_the_matrix():
+    problem = AllocationProblem.load('omnidirectional_hexarotor')
+    # Rotors 5 and 6 have no part in thrust and yaw.
+    left = Exact(problem).with_health([0, 0, 0, 0, 1, 1])
+    assert left.lost_axes == ('force_x', 'force_y', 'thrust', 'yaw')
+    answer = left.allocate([0.0, 0.0, 1.0, 0.3, 0.2, 0.0])
+    np.testing.assert_allclose(answer.wrench[3:5], [0.3, 0.2], atol=1e-12)
+
+
+def test_all_effectors_stuck():
+    stuck = Exact(PLANE).with_health(np.ones(4), stuck=dict.fromkeys((1, 2, 3, 4), 0.1))
+    answer = stuck.allocate([0.1, 0.0, 0.0])
+    assert (answer.status, answer.thrusts.tolist()) == (Status.INEXACT, [0.1] * 4)
+    assert stuck.with_health(np.ones(4), stuck={}).allocate([0.1, 0.0, 0.0]).is_exact
+
+
 def test_all_effectors_lost():
     answer = Exact(PLANE).with_health(np.zeros(4)).allocate([0.1, 0.0, 0.0])
     assert (answer.status, np.abs(answer.thrusts).max()) == (Status.INEXACT, 0.0)

@@ -40,7 +40,7 @@ def method_for(kind: type[Allocator], report: Audit, settings: Any) -> Allocator
     """Return the method of a class for the axes that it can serve of what an audit left."""
     if report.independent.powerless:
         # The settings must suit the effectors when they return.
-        sound = report.full.with_health(np.ones_like(report.full.health))
+        sound = report.full.with_health(np.ones_like(report.full.health), stuck={})
         kind(audit(sound).independent, settings)
         return AtRest(report.independent)
     return kind(*kind.suited(report, settings))

@@ -309,7 +309,8 @@ def audit(subject: Vehicle | AllocationProblem) -> Audit:
 
     Axes are given up until the remaining ones are independent, and then until hover, or the
     reference of the problem, is inside their admissible set: axes with other names than those of a
-    vehicle from the last one on, then yaw before pitch and roll.  Thrust is never given up.  The
+    vehicle from the last one on, then yaw before pitch and roll.  Of several dependent axes those
+    go, and no axis that is independent of all others.  A vehicle never gives up thrust.  The
     health of rotors and effectors counts.
 
     Parameters

@@ -89,7 +89,19 @@ def reference_margin(problem: AllocationProblem) -> float:
 
 def independent_part(problem: Part) -> Part:
     """Return the problem without the axes that the effectors cannot control independently."""
-    return _part(problem, lambda part: part.independence >= INDEPENDENCE_MIN)
+    return _part(problem, lambda part: part.independence >= INDEPENDENCE_MIN, _dependent)
+
+
+def _dependent(problem: AllocationProblem, candidates: Sequence[str]) -> str:
+    """Return the first candidate that the other axes determine; the first one if none is.
+
+    An axis that is independent of all others stays.  Thrust follows the candidates, but not that
+    of a vehicle, which hovers by it.
+    """
+    found = dict(zip(problem.axes, independence(unit_rows(problem)).tolist(), strict=True))
+    if not isinstance(problem, VehicleProblem):
+        candidates = [*candidates, *(axis for axis in problem.axes if axis not in candidates)]
+    return next((axis for axis in candidates if found[axis] < INDEPENDENCE_MIN), candidates[0])
 
 
 def holding_part(problem: Part) -> Part:
@@ -105,26 +117,31 @@ def holding_part(problem: Part) -> Part:
     return found if found.reference_inside else problem
 
 
-def _part(problem: Part, good: Callable[[Part], bool]) -> Part:
-    """Return the problem without the axes that are given up until it is good."""
+def _part(
+    problem: Part, good: Callable[[Part], bool],
+    first: Callable[[Part, Sequence[str]], str] = lambda _, candidates: candidates[0],
+) -> Part:
+    """Return the problem without the axes that are given up until it is good.
+
+    An axis whose removal suffices is preferred; `first` chooses among the candidates if there is
+    none.
+    """
 
     @cache
     def part(axes: Axes) -> Part:
         return problem if axes == problem.axes else problem.part(axes)
 
-    return part(_give_up(problem.axes, lambda axes: good(part(axes))))
-
-
-def _give_up(axes: Axes, good: Callable[[Axes], bool]) -> Axes:
-    """Remove axes until the rest is good; prefer an axis whose removal suffices."""
-    while not good(axes):
+    axes = problem.axes
+    while len(axes) > 1 and not good(part(axes)):
         candidates = expendable(axes)
-        if not candidates or len(axes) == 1:
-            break
-        parts = (tuple(axis for axis in axes if axis != lost) for lost in candidates)
-        first = next(parts)
-        axes = first if good(first) else next(filter(good, parts), first)
-    return axes
+        parts = (_without(axes, lost) for lost in candidates)
+        found = next((each for each in parts if good(part(each))), None)
+        axes = _without(axes, first(part(axes), candidates)) if found is None else found
+    return part(axes)
+
+
+def _without(axes: Axes, lost: str) -> Axes:
+    return tuple(axis for axis in axes if axis != lost)
 
 
 def spin_torque(full: VehicleProblem, kept: Sequence[str], thrusts: Array) -> float:
