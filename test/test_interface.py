@@ -4,6 +4,7 @@ import doctest
 import pickle
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -21,12 +22,14 @@ from ca_ros import (
     PseudoInverse,
     SlewLimited,
     Status,
+    TiltLimited,
     Vehicle,
     audit,
     control_allocation_matrix,
     make_allocator,
     make_detector,
 )
+from ca_ros.simulation.rigid_body import RigidBody
 from ca_ros.studies.dynamic.study import dynamic_study
 from ca_ros.studies.static.study import static_study
 from ca_ros.vehicle.files import shipped_tilting, shipped_vehicles
@@ -139,6 +142,11 @@ def test_each_object_says_what_it_is_in_a_line():
         repr(allocator): 'Exact: 6 rotors, axes thrust, roll, pitch, yaw, '
                          f"engine {allocator.engine}, policy='scale'",
         repr(allocator.problem): 'VehicleProblem: 6 rotors, axes thrust, roll, pitch, yaw',
+        repr(allocator.within_rates(9.0).fail(1)): 'SlewLimited: Exact: 6 rotors, axes thrust, '
+            f"roll, pitch, yaw, engine {allocator.engine}, policy='scale', lost axes yaw",
+        repr(TiltLimited(Vehicle.load('tricopter'), 2000.0, 3.0)):
+            'TiltLimited: 3 rotors, 1 servos, 1.2 kg, axes thrust, roll, pitch, yaw',
+        repr(RigidBody(vehicle)): 'RigidBody: 6 rotors, 1 kg, axes thrust, roll, pitch, yaw',
         repr(AdmissibleSet(vehicle)): 'AdmissibleSet: 6 rotors, axes thrust, roll, pitch, yaw',
         repr(AllocationProblem([[1.0, 1.0]], 0.0, 1.0)):
             'AllocationProblem: 2 effectors, axes axis_1',
@@ -150,6 +158,20 @@ def test_each_object_says_what_it_is_in_a_line():
     for each in (audit(vehicle), allocator.allocate_batch(np.eye(4)), answer.certificate,
                  *(kind(vehicle) for kind in ALLOCATORS.values())):
         assert len(repr(each)) < 800
+
+
+@pytest.mark.parametrize('health', [[1] * 6, [0, 1, 1, 1, 1, 1]])
+def test_batches_have_numbers_and_masks(health):
+    allocator = Exact(Vehicle.load('hexarotor')).with_health(health)
+    batch = allocator.allocate_batch([[9.81, 0.1 * k, 0.0, 0.0] for k in range(4)])
+    for which, rows in (
+            ([1, 3], [1, 3]), (np.array([3, 0]), [3, 0]), (batch.demand[:, 1] < 0.15, [0, 1]),
+            ([True, False, False, True], [0, 3])):
+        part = batch[which]
+        np.testing.assert_array_equal(part.thrusts, batch.thrusts[rows])
+        np.testing.assert_array_equal(
+            part.certificate.primal_residual, batch.certificate.primal_residual[rows])
+        assert [each.status for each in part] == [batch[k].status for k in rows]
 
 
 def test_batches_have_slices_and_frames():
@@ -222,6 +244,20 @@ def test_rates_by_a_method_of_the_allocator():
     np.testing.assert_array_equal(one.thrusts, two.thrusts)
     with pytest.raises(ValueError, match='give rates'):
         allocator.within_rates()
+
+
+@pytest.mark.parametrize('name', ['tricopter', 'hexarotor_tilting', 'azimuth_boat'])
+def test_rates_of_rotors_that_tilt(name):
+    vehicle = Vehicle.load(name)
+    allocator = Exact(vehicle)
+    slow, rest = allocator.within_rates(200.0), vehicle.idle_command
+    answer = slow.allocate(allocator.problem.center, rest[:vehicle.n], rest[vehicle.n:], 0.01)
+    assert isinstance(slow, TiltLimited)
+    assert np.abs(np.abs(answer.speeds) - np.abs(rest[:vehicle.n])).max() <= 2.0 + 1e-6
+    with pytest.raises(ValueError, match='give rates'):
+        allocator.within_rates()
+    with pytest.raises(ParameterError, match='PseudoInverse does not keep the rates'):
+        PseudoInverse(vehicle).within_rates(200.0)
 
 
 # Studies
@@ -336,8 +372,21 @@ def test_both_detectors_refuse_the_same(make, wrong, words):
 
 
 def test_a_detector_without_a_lag_warns():
-    with pytest.warns(RuntimeWarning, match='motor_time_constant: taken as 0'):
-        make_detector(HEXAROTOR)
+    for make in (FailureDetector, make_detector):
+        with pytest.warns(RuntimeWarning, match='motor_time_constant: taken as 0') as caught:
+            make(HEXAROTOR)
+        # It points at the line that did not give the lag.
+        assert [Path(each.filename) for each in caught] == [Path(__file__)]
+
+
+@pytest.mark.parametrize('make', [FailureDetector, make_detector])
+def test_a_detector_says_of_what_it_is(make):
+    detector = make(HEXAROTOR, motor_time_constant=0.05)
+    assert repr(detector) == (
+        f'{type(detector).__name__}: 6 rotors, 1 kg, axes thrust, roll, pitch, yaw, motors with a '
+        'lag of 0.05 s, found: none')
+    with pytest.raises(TypeError, match=r"Vehicle\.load\('hexarotor'\) reads a file"):
+        make('hexarotor', motor_time_constant=0.05)
 
 
 TOUCHED = (
@@ -371,10 +420,16 @@ def test_user_code_runs_and_audits_say_what_they_are():
     (lambda: Exact(AllocationProblem(MATRIX, -1, 1)).with_health([1, 1, 1], stuck=[2]),
      'stuck: expected values by effector, such as {4: 0.1}, got [2]'),
     (lambda: Exact(HEXAROTOR.fail(1)), 'or fail and with_health of an allocator made before'),
+    (lambda: Exact(HEXAROTOR).fail(True), 'no True of rotors: they count from 1 to 6'),
+    (lambda: HEXAROTOR.fail(True), 'no rotor True: the vehicle has rotors 1 to 6'),
+    (lambda: AllocationProblem(1e-9 * MATRIX, -1.0, 1.0),
+     'too small: choose units in which it is at least 1e-06'),
+    (lambda: make_allocator('exact', Vehicle.load('quadrotor').fail(1), lost_axes='drop').allocate(
+        [9.81, 0.0, 0.0, 0.0]), 'fail and with_health of an allocator made before keep them'),
     (lambda: Exact(HEXAROTOR).fail(7), 'no 7 of rotors: they count from 1 to 6'),
     (lambda: Vehicle(Ixx=1.0), 'Ixx: no such keyword; give inertia=[Ixx, Iyy, Izz]')])
 def test_what_a_stranger_guesses_is_answered(guess, words):
-    with pytest.raises((TypeError, ParameterError), match=re.escape(words)):
+    with pytest.raises((TypeError, ValueError), match=re.escape(words)):
         guess()
 
 

@@ -117,6 +117,15 @@ def test_without_any_rotor_all_answers_are_at_rest():
     assert allocator.problem.axes == ('thrust', 'roll', 'pitch', 'yaw')
 
 
+@pytest.mark.parametrize('name', ['hexarotor', 'tricopter'])
+def test_without_any_rotor_all_axes_are_lost(name):
+    vehicle = Vehicle.load(name)
+    allocator = Exact(vehicle).with_health(np.zeros(vehicle.n))
+    assert allocator.lost_axes == vehicle.axes
+    assert str(allocator.allocate([9.81, 0.1, 0.0, 0.0]).explanation) == (
+        '; '.join(f'{axis} is lost' for axis in vehicle.axes))
+
+
 def test_a_lost_axis_is_served_last_whatever_the_order():
     vehicle = Vehicle.load('hexarotor')
     yaw_first = Exact(vehicle, order=['yaw', 'roll pitch', 'thrust'])

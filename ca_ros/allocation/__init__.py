@@ -101,7 +101,9 @@ def make_allocator(
     lost_axes : 'refuse' or 'drop', optional
         'refuse': raise an error if the vehicle has lost axes or cannot hover.  'drop': leave out
         the lost axes; wrenches then have the components ``allocator.problem.axes``.  The default
-        is the value in the vehicle's parameter file.  `Allocator.with_health` keeps all axes.
+        is the value in the vehicle's parameter file.  For failures in flight,
+        ``make_allocator(method, sound_vehicle).fail(1)`` keeps all axes; see
+        `Allocator.with_health`.
     **options
         The settings of the method, see its class.
 

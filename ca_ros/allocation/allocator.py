@@ -162,7 +162,8 @@ class Allocator(ABC):
         ('yaw',)
         """
         now = self.problem.health
-        if not isinstance(effector, (int, np.integer)) or not 1 <= effector <= len(now):
+        whole = isinstance(effector, (int, np.integer)) and not isinstance(effector, bool)
+        if not whole or not 1 <= effector <= len(now):
             kind = self.problem.effector_kind
             raise ParameterError(f'no {effector!r} of {kind}: they count from 1 to {len(now)}')
         return self.with_health(np.where(np.arange(len(now)) == effector - 1, health, now))
@@ -209,8 +210,9 @@ class Allocator(ABC):
     ) -> Any:
         """Return what allocates within what the effectors reach from the last command on.
 
-        Its ``allocate(u, last, period)`` is pure; see `SlewLimited`, and `TiltLimited` for
-        vehicles whose rotors tilt, which takes angles, too.
+        Its ``allocate(u, last, period)`` is pure; see `SlewLimited`.  For vehicles whose rotors
+        tilt it is ``allocate(u, speeds, angles, period)`` of a `TiltLimited`, of `exact` alone;
+        the servos turn at ``rotors.tilt_rate_max``.
 
         Parameters
         ----------
@@ -225,7 +227,10 @@ class Allocator(ABC):
         """
         from ca_ros.allocation import SlewLimited, limited
 
-        found = limited(self) if rates is None else None
+        tilting = len(self.problem.turning_rates) > 0
+        found = limited(self, rates, braking) if rates is None or tilting else None
+        if found is None and tilting:
+            raise ValueError('rates: the vehicle has no rotors.acceleration_max; give rates')
         return found or SlewLimited(self, rates, braking)
 
     def _set_up(self) -> None:  # noqa: B027 (most methods need it, not all)

@@ -89,7 +89,8 @@ class Explanation(Limits):
         ]
         rest = 'all other axes are served' if lost else 'all axes are served'
         margin = f'; margin {self.margin:.3g}' if self.margin >= 0.0 else ''
-        parts = parts or [f'{rest}{margin}']
+        if len(lost) < len(axes):
+            parts = parts or [f'{rest}{margin}']
         return '; '.join([*parts, *(f'{axis} is lost' for axis in lost)])
 
     def _share(self, axis: int) -> str:

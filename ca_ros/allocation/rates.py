@@ -1,5 +1,7 @@
 """An allocator within the rates of its vehicle."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -44,21 +46,29 @@ class WithinRates:
         return self._limited.allocate_after(u, last, period)
 
 
-def limited(allocator: Allocator) -> SlewLimited | TiltLimited | Reduced | None:
-    """Return what allocates within the rates of a vehicle; None if it has none."""
+def limited(
+    allocator: Allocator, rates: ArrayLike | None = None, braking: ArrayLike | None = None
+) -> SlewLimited | TiltLimited | Reduced | None:
+    """Return what allocates within the rates of a vehicle; None if it has none.
+
+    `rates`, `braking`: of the rotors, instead of those of the vehicle.
+    """
     if isinstance(allocator, Reduced):
-        inner = limited(allocator.method)
+        inner = limited(allocator.method, rates, braking)
         return inner and allocator.within(inner)
-    rates, turning = allocator.problem.rates, allocator.problem.turning_rates
-    if isinstance(allocator, AtRest) or (rates is None and not turning.any()):
+    pair: Any = allocator.problem.rates
+    if rates is not None:
+        pair = rates, rates if braking is None else braking
+    turning = allocator.problem.turning_rates
+    if isinstance(allocator, AtRest) or (pair is None and not turning.any()):
         return None
     if not len(turning):
-        return SlewLimited(allocator)
+        return SlewLimited(allocator, *(pair or ()))
     if not isinstance(allocator, Exact):
         raise ParameterError(
             f'rotors.acceleration_max, rotors.tilt_rate_max: {type(allocator).__name__} does not '
             'keep the rates of rotors that tilt; exact does'
         )
-    up, down = (UNLIMITED, UNLIMITED) if rates is None else rates
+    up, down = (UNLIMITED, UNLIMITED) if pair is None else pair
     turning = np.where(turning > 0.0, turning, UNLIMITED)
     return TiltLimited(vehicle_of(allocator.problem), up, turning, allocator.settings, down)

@@ -79,6 +79,11 @@ class Reduced(Allocator):
         return f'{super().__repr__()}, lost axes {lost}'.replace(
             type(self).__name__, self._kind.__name__, 1)
 
+    @property
+    def lost_axes(self) -> tuple[str, ...]:
+        """The axes of the problem that are lost: all of them without any effector."""
+        return self.problem.axes if isinstance(self.method, AtRest) else self.audit.lost
+
     def within(self, limited: Any) -> Reduced:
         """Return the same with the method within rates."""
         return Reduced(

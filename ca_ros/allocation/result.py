@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum, IntEnum
 from functools import cached_property
@@ -275,13 +275,13 @@ class AllocationBatch(Answer[Array]):
     @overload
     def __getitem__(self, i: int) -> Allocation: ...
     @overload
-    def __getitem__(self, i: slice) -> AllocationBatch: ...
+    def __getitem__(self, i: slice | Sequence[int] | IntArray | BoolArray) -> AllocationBatch: ...
 
-    def __getitem__(self, i: int | slice) -> Allocation | AllocationBatch:
-        """Return the answer to wrench i, or the answers of a slice as a batch."""
+    def __getitem__(self, i: Any) -> Allocation | AllocationBatch:
+        """Return the answer to wrench i, or a batch of those of a slice, numbers or a mask."""
         if self.part is not None:
             return self.maker.whole(self.part[i], self.demand[i])
-        if isinstance(i, slice):
+        if isinstance(i, slice) or np.ndim(i):
             return replace(
                 self, demand=self.demand[i], thrusts=self.thrusts[i], status=self.status[i],
                 level=self.level[i], violation=self.violation[i])

@@ -66,6 +66,10 @@ class SlewLimited(Allocator):
             if not np.all(each > 0.0):
                 raise ValueError(f'{name}: expected positive numbers, got {each.tolist()!r}')
 
+    def __repr__(self) -> str:
+        """Return what the allocator is, behind the name of the class."""
+        return f'{type(self).__name__}: {self.allocator!r}'
+
     def allocate(
         self, u: ArrayLike, last: ArrayLike | None = None, period: float = 0.0
     ) -> Allocation:

@@ -72,6 +72,10 @@ class TiltLimited:
         if not all((each > 0.0).all() for each in (self.speed_rate, self.braking, self.tilt_rate)):
             raise ParameterError('speed_rate, braking, tilt_rate: expected positive numbers')
 
+    def __repr__(self) -> str:
+        """Return the vehicle in one line, behind the name of the class."""
+        return f'{type(self).__name__}: {self.vehicle.described}'
+
     def allocate(
         self, u: ArrayLike, speeds: ArrayLike, angles: ArrayLike, period: float
     ) -> Allocation:

@@ -14,9 +14,28 @@ from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.motion_test import MotionTest
 from ca_ros.detection.rotor_beliefs import RotorBeliefs
 from ca_ros.detection.speed_residual import SlowRotors
+from ca_ros.problem.vehicle_problem import problem_of, vehicle_of
 from ca_ros.settings import settings_of
 from ca_ros.vehicle.validation import ABSURD
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
+
+
+def settings_with_lag(
+    settings: DetectorSettings | None, given: Mapping[str, Any]
+) -> DetectorSettings:
+    """Return the settings of a detector; warn the caller of the caller if they have no lag."""
+    found = settings_of(FailureDetector, DetectorSettings, settings, given)
+    if not (settings or 'motor_time_constant' in given):
+        warn('motor_time_constant: taken as 0; motors with a lag make false alarms. Give the lag '
+             '[s], or 0 if there is none', RuntimeWarning, stacklevel=3)
+    return found
+
+
+def described(detector: Any) -> str:
+    """Return the vehicle of a detector, the lag of its motors and what was found, in one line."""
+    found = [f'{i} by {word}' for i, word in enumerate(detector.evidence, 1) if word]
+    return (f'{type(detector).__name__}: {detector.vehicle.described}, motors with a lag of '
+            f'{detector.settings.motor_time_constant:g} s, found: {", ".join(found) or "none"}')
 
 
 class FailureDetector:
@@ -79,13 +98,16 @@ class FailureDetector:
     def __init__(
         self, vehicle: Vehicle, settings: DetectorSettings | None = None, /, **given: Any
     ) -> None:
-        s = self.settings = settings_of(type(self), DetectorSettings, settings, given)
-        if not (settings or 'motor_time_constant' in given):
-            warn('motor_time_constant: taken as 0; motors with a lag make false alarms. Give the '
-                 'lag [s], or 0 if there is none', RuntimeWarning, stacklevel=2)
+        if not isinstance(vehicle, Vehicle):
+            vehicle = vehicle_of(problem_of(vehicle))
+        s = self.settings = settings_with_lag(settings, given)
         self._slow = SlowRotors(vehicle.n, s)
         self._beliefs = RotorBeliefs(vehicle)
         self._motion = MotionTest(vehicle, s, self._beliefs)
+
+    def __repr__(self) -> str:
+        """Return the vehicle, the lag of its motors and what was found, in one line."""
+        return described(self)
 
     @property
     def vehicle(self) -> Vehicle:

@@ -10,7 +10,11 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array
 from ca_ros.detection.detector_settings import DetectorSettings
-from ca_ros.detection.failure_detector import FailureDetector
+from ca_ros.detection.failure_detector import (
+    FailureDetector,
+    described,
+    settings_with_lag,
+)
 from ca_ros.kernel import extension
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -35,6 +39,10 @@ class KernelDetector:
         self.observe = self._kernel.observe
         self.reset = self._kernel.reset
         self.interrupt = self._kernel.interrupt
+
+    def __repr__(self) -> str:
+        """Return the vehicle, the lag of its motors and what was found, in one line."""
+        return described(self)
 
     def announce(self, health: ArrayLike, stuck: Mapping[int, float] | None = None) -> None:
         """Take the announced health (n,), as `FailureDetector` does; there are no servos."""
@@ -126,10 +134,10 @@ def make_detector(
     TypeError
         If there is no such setting.
     """
-    detector = FailureDetector(vehicle, settings, **given)
-    fixed = not len(vehicle.servos) and environ.get('CA_ROS_KERNEL') != 'numpy'
+    detector = FailureDetector(vehicle, settings_with_lag(settings, given))
+    fixed = not len(detector.vehicle.servos) and environ.get('CA_ROS_KERNEL') != 'numpy'
     module = extension('detector') if fixed else None
     model = None if module is None else packed(detector, module.FIELDS)
     if model is None:
         return detector
-    return KernelDetector(module, model, vehicle, detector.settings)
+    return KernelDetector(module, model, detector.vehicle, detector.settings)

@@ -133,6 +133,8 @@ class AllocationProblem:
     """What becomes of axes that are lost, if it is audited; see `ca_ros.problem.audit.accept`."""
     advice = ''
     """What the error of a set without volume recommends."""
+    left_out = ''
+    """What the error of a wrong number of axes says of those that are left out."""
     subject, aim = 'problem', 'the reference'
     """What it is called in messages, and what its reference is."""
 
@@ -186,10 +188,12 @@ class AllocationProblem:
         """Raise a ValueError if errors of an axis cannot be judged in its unit."""
         least = UNITS_MIN * max(1.0, float(self.extent.max()))
         if small := [k for k in range(len(self.axes)) if 0.0 < self.extent[k] < least]:
+            greatest = float(self.extent.max())
+            beside = f' beside the greatest, {greatest:.3g}' if greatest > 1.0 else ''
             raise ValueError(
                 f'matrix: half of the range of {self.axes[small[0]]} is '
-                f'{self.extent[small[0]]:.3g}, too small beside the greatest, '
-                f'{self.extent.max():.3g}: choose units in which it is at least {least:.3g}'
+                f'{self.extent[small[0]]:.3g}, too small{beside}: choose units in which it is at '
+                f'least {least:.3g}'
             )
 
     @classmethod
@@ -522,7 +526,7 @@ class AllocationProblem:
             many = '; allocate_batch takes many' if wrench.shape[1:] == self._shape else ''
             raise ValueError(
                 f'{name}: expected shape {expected} ({", ".join(self.axes)}), got '
-                f'{wrench.shape}{many}'
+                f'{wrench.shape}{many}{self.left_out}'
             )
         sound = np.abs(wrench) <= ABSURD
         if not sound.all():

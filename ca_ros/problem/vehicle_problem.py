@@ -77,6 +77,13 @@ class VehicleProblem(AllocationProblem):
         return made
 
     @property
+    def left_out(self) -> str:  # type: ignore[override]
+        """What becomes of lost axes, if the vehicle drops them."""
+        kept = 'fail and with_health of an allocator made before keep them'
+        dropped = self.vehicle.lost_axes == 'drop'
+        return f"; lost_axes='drop' leaves out lost axes, {kept}" if dropped else ''
+
+    @property
     def hover(self) -> Array:
         """The wrench (m,) that carries the vehicle's weight, without torque [N, N m]."""
         return self.reference

@@ -47,6 +47,11 @@ class RigidBody:
         # The buoyancy acts at the centre of mass.
         self._gravity = np.array([0.0, 0.0, vehicle.gravity - vehicle.buoyancy / vehicle.mass])
 
+    def __repr__(self) -> str:
+        """Return the vehicle in one line, and whether there is drag."""
+        air = '' if self.drag is None else ', with drag'
+        return f'{type(self).__name__}: {self.vehicle.described}{air}'
+
     def with_vehicle(self, vehicle: Vehicle) -> RigidBody:
         """Return the body of another vehicle in the same air."""
         return RigidBody(vehicle, self.drag)

@@ -299,7 +299,8 @@ class Vehicle(Motors):
 
         Raises a ParameterError if there is no such rotor, or the health is not in [0, 1].
         """
-        if not isinstance(rotor, (int, np.integer)) or not 1 <= rotor <= self.n:
+        whole = isinstance(rotor, (int, np.integer)) and not isinstance(rotor, bool)
+        if not whole or not 1 <= rotor <= self.n:
             raise ParameterError(f'no rotor {rotor!r}: the vehicle has rotors 1 to {self.n}')
         return self.with_health(np.where(np.arange(self.n) == rotor - 1, health, self.health))
 
@@ -340,6 +341,11 @@ class Vehicle(Motors):
 
     def __repr__(self) -> str:
         """Return the vehicle in one line."""
+        return f'Vehicle: {self.described}'
+
+    @property
+    def described(self) -> str:
+        """The number of rotors, the mass, the axes and failures, in words."""
         lost = (np.flatnonzero(self.lost) + 1).tolist()
         weak = (np.flatnonzero((self.health < 1.0) & ~self.lost) + 1).tolist()
         parts = [f'{self.n} rotors', f'{self.mass:.4g} kg', f'axes {", ".join(self.axes)}']
@@ -348,7 +354,7 @@ class Vehicle(Motors):
         for what, rotors in (('lost', lost), ('weak', weak)):
             if rotors:
                 parts.append(f'{what}: {", ".join(map(str, rotors))}')
-        return f'Vehicle: {", ".join(parts)}'
+        return ', '.join(parts)
 
     @property
     def idle_command(self) -> Array:
