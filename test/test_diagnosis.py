@@ -92,6 +92,28 @@ def test_speeds_in_revolutions_per_minute_are_named(name):
     assert [each.kind for each in diagnose(turned)] == ['speeds']
 
 
+def test_rotors_that_all_point_down_are_named():
+    vehicle = Vehicle.load('quadrotor')
+    [cause] = diagnose(replace(vehicle, rotor_axes=-vehicle.rotor_axes))
+    assert (cause.kind, cause.rotors) == ('axis', (1, 2, 3, 4))
+
+
+@pytest.mark.parametrize('factor', [0.1, 10.0])
+@pytest.mark.parametrize('name', SYMMETRIC)
+def test_one_torque_of_a_far_other_size_is_named(name, factor):
+    vehicle = Vehicle.load(name)
+    wrong = changed(vehicle, 'torque_coefficient', 2, factor * vehicle.torque_coefficient[2])
+    [cause] = diagnose(wrong)
+    assert (cause.kind, cause.rotors) == ('torque', (3,))
+
+
+def test_one_rotor_in_millimetres_is_named():
+    vehicle = Vehicle.load('quadrotor')
+    [cause] = diagnose(changed(vehicle, 'arms', 1, 1000.0 * vehicle.arms[1]))
+    assert (cause.kind, cause.rotors) == ('position', (2,))
+    assert 'rotor 2 is' in cause.text
+
+
 def test_the_audit_in_python_has_what_the_command_prints():
     wrong = changed(Vehicle.load('hexarotor'), 'spins', 2, -1.0)
     assert wrong != Vehicle.load('hexarotor')
@@ -222,19 +244,38 @@ NUMBERS = ['--mass', '1', '--speed-min', '0', '--speed-max', '800', '--thrust-co
      'rotor 3: expected a count of 4'),
     ('0.15', '150', 'a rotor is 150 m from the centre of mass of 1 kg: positions look like '
      'millimetres; --length 0.001 takes them for such'),
+    ('0.15', '33', 'positions look like millimetres; --length 0.001 takes them for such: '
+     '0.033 m'),
+    ('CA_ROTOR2_PX 0.15', 'CA_ROTOR2_PX 150', 'CA_ROTOR2 (rotor 3) is 150 m from the centre of '
+     'mass, the others within 0.15 m: its CA_ROTOR2_PX or _PY looks like millimetres (0.15 m)'),
+    ('CA_ROTOR2_PX', 'CA_ROTR2_PX', 'line 6: PX4 has no parameter CA_ROTR2_PX; did you mean '
+     'CA_ROTOR2_PX?'),
+    ('CA_ROTOR2_PX', 'ca_rotor2_px', 'line 6: PX4 has no parameter ca_rotor2_px; did you mean '
+     'CA_ROTOR2_PX?'),
+    ('CA_ROTOR2_KM', 'CA_ROTER2_KM', 'line 8: PX4 has no parameter CA_ROTER2_KM; did you mean '
+     'CA_ROTOR2_KM?'),
+    ('CA_ROTOR0_PX', 'CA_ROTORO_PX', 'line 2: PX4 has no parameter CA_ROTORO_PX; did you mean '
+     'CA_ROTOR0_PX?'),
+    ('CA_ROTOR3_PY', 'CA_ROTORX_PY', 'PX4 has no parameter CA_ROTORX_PY; did you mean '
+     'CA_ROTOR3_PY?'),
+    ('ROTOR_COUNT', 'ROTR_COUNT', 'line 1: PX4 has no parameter CA_ROTR_COUNT; did you mean '
+     'CA_ROTOR_COUNT?'),
     ('_PX 0.15', '_PX O.15', "line 2: CA_ROTOR0_PX: 'O.15' is not a number")])
 def test_an_airframe_with_a_slip_is_refused(old, new, fault, tmp_path, capsys):
     file = tmp_path / 'airframe'
     file.write_text(QUAD_X.replace(old, new))
-    assert main(['px4-parameters', 'from-px4', str(file), *NUMBERS]) == 1
+    numbers = ['--mass', '0.03', *NUMBERS[2:]] if new == '33' else NUMBERS
+    assert main(['px4-parameters', 'from-px4', str(file), *numbers]) == 1
     out, err = capsys.readouterr()
     assert out == ''
     assert fault in err
 
 
 @pytest.mark.parametrize(('line', 'warning'), [
-    ('CA_ROTOR0_KM -0.05', 'rotor 1 turns the wrong way: flip its spin'),
-    ('CA_ROTOR2_AZ 1', 'rotor 3 points down and all others up: its axis has the wrong sign'),
+    ('CA_ROTOR0_KM -0.05', 'rotor 1 turns the wrong way: flip its spin (CA_ROTOR0_KM, line 12)'),
+    ('CA_ROTOR2_AZ 1', 'its axis has the wrong sign (CA_ROTOR2_AZ, line 12)'),
+    ('CA_ROTOR2_KM -0.5', 'rotor 3 gives 10 times the torque of the others for the same thrust: '
+     'torque_coefficient (CA_ROTOR2_KM, line 12)'),
     ('CA_ROTOR1_PX 0.0', 'rotor 2: x is 0 m from the centre of mass, where -0.15 m would fit'),
     ('CA_ROTOR1_CT 13', 'rotor 2 gives 2 times the thrust of the others'),
     ('CA_ROTOR0_CT 6.5', '')])
@@ -247,6 +288,30 @@ def test_an_airframe_that_may_be_wrong_is_imported_with_a_warning(
     assert 'positions:' in out
     assert warning in err
     assert bool(warning) == bool(err)
+
+
+def test_a_rotor_without_a_place_is_named(tmp_path, capsys):
+    file = tmp_path / 'airframe'
+    lines = QUAD_X.splitlines(keepends=True)
+    file.write_text(''.join(line for line in lines if 'ROTOR2_P' not in line))
+    assert main(['px4-parameters', 'from-px4', str(file), *NUMBERS]) == 0
+    assert 'CA_ROTOR2 (rotor 3) is at the centre of mass: there is' in capsys.readouterr().err
+
+
+def test_names_of_other_parameters_of_px4_are_no_slip():
+    rest = ''.join(f'param set-default {name} 1\n' for name in (
+        'CA_SV_CS_COUNT', 'CA_SV_CS0_TYPE', 'CA_SV_CS0_TRQ_P', 'CA_R0_SLEW', 'CA_METHOD',
+        'CA_HELI_RPM_SP', 'CA_CS_LAUN_LK', 'PWM_MAIN_FUNC1', 'CA_MAX_SVO_THROW', 'CA_SV0_SLEW'))
+    assert parameters.read(QUAD_X + rest)['CA_METHOD'] == 1.0
+
+
+@pytest.mark.parametrize('command', [['audit'], ['compare', 'x8']])
+@pytest.mark.parametrize('style', ['params', 'airframe', 'shell'])
+def test_a_file_of_px4_in_place_of_a_vehicle_is_told(command, style, tmp_path, capsys):
+    file = tmp_path / 'my.params'
+    file.write_text(parameters.text(parameters.to_px4(Vehicle.load('x8')), style))
+    assert main([*command, str(file)]) == 1
+    assert 'parameters of PX4: ca_ros px4-parameters from-px4 makes' in capsys.readouterr().err
 
 
 def test_a_file_that_has_all_parameters_of_px4_is_no_slip():

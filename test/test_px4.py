@@ -1,5 +1,6 @@
 """The conversions from and to PX4, on airframes and attitudes worked out by hand."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -251,8 +252,9 @@ def test_a_tricopter_to_px4_and_back(vehicle):
     (QUAD_X + TILT + 'param set-default CA_ROTOR1_TILT 2\n', 'is 2: CA_SV_TL_COUNT is 1'),
     (QUAD_X + TILT + 'param set-default CA_ROTOR1_TILT 1\n', 'a servo for each rotor'),
     (QUAD_X + 'param set-default CA_ROTOR1_KM 0\n', 'CA_ROTOR1_KM is 0: expected its sign'),
-    (QUAD_X + 'param set-default CA_ROTOR1_CT 0\n', 'rotor 1 has no axis or no thrust'),
-    (QUAD_X + 'param set-default CA_ROTOR1_AZ 0\n', 'rotor 1 has no axis or no thrust'),
+    (QUAD_X + 'param set-default CA_ROTOR1_CT 0\n', r'CA_ROTOR1 \(rotor 2\) has no axis or no'),
+    (QUAD_X + 'param set-default CA_ROTOR1_AZ 0\n', r'CA_ROTOR1 \(rotor 2\) has no axis or no'),
+    (QUAD_X + 'param set-default CA_ROTOR1_CT -6\n', 'CA_ROTOR1_CT is -6: expected above 0'),
     (QUAD_X + 'param set-default CA_R_REV 1\n', 'CA_R_REV: motors reverse'),
     (QUAD_X + 'param set-default CA_ROTOR_COUNT 13\n', 'CA_ROTOR_COUNT is 13: expected 1 to 12'),
     (QUAD_X + 'param set-default CA_ROTOR1_PX here\n', "CA_ROTOR1_PX: 'here' is not a number"),
@@ -291,6 +293,14 @@ def test_one_least_speed_is_for_motors_that_all_reverse(reverse, found):
         parameters.from_px4(parameters.read(QUAD_X + reverse), 1.0, speeds, 2.5e-5)
     given = parameters.read(QUAD_X + 'param set-default CA_R_REV 15\n')
     assert 'speed_min: -300.0' in parameters.from_px4(given, 1.0, speeds, 2.5e-5)
+
+
+def test_rotors_without_a_reaction_torque_are_read_back(vehicle):
+    rov = Vehicle.load('rov')
+    back = vehicle(parameters.text(parameters.to_px4(rov), 'params'), speeds=(-400.0, 400.0))
+    assert_allclose(back.torque_coefficient, 0.0)
+    ours = control_allocation_matrix(replace(back, axes=rov.axes))
+    assert_allclose(ours, control_allocation_matrix(rov), atol=1e-7)
 
 
 def test_motors_that_reverse_are_marked():

@@ -27,6 +27,7 @@ SAME_AXIS = 0.05  # the same for axes of rotors, unit vectors
 SAME_THRUST = 0.25  # difference of greatest thrusts of two rotors, as measured, as a share
 WEAK = 0.7  # least thrust of a sound rotor over that of the others; greatest: 1 / WEAK
 COAXIAL_WEAK = 0.55  # the same in the wake of another rotor
+ODD_TORQUE = 5.0  # greatest torque over thrust of a sound rotor over that of the others
 SLIP_MIN = 0.2  # least distance by which a slip moves a rotor, as a share of the longest arm
 SHIFT_MIN = 0.1  # least shift of the centre of mass that is told, as a share of the longest arm
 EXCHANGES_MAX = 8  # rotors of a vehicle up to which exchanges are tried
@@ -47,6 +48,7 @@ ARM_MAX = 4.0
 
 The human-powered helicopters with four rotors, of 120 kg with their pilots, have arms of 15 m.
 """
+FAR = 10.0  # least arm over all others that looks like one in another unit alone
 UNITS = {'centimetres': 0.01, 'millimetres': 0.001}
 
 
@@ -55,18 +57,19 @@ def likely_unit(length: float, mass: float) -> str:
 
     The length [m] is judged by the mass [kg].
     """
-    size = max(1.0, abs(mass) ** (1.0 / 3.0))
-    if length <= ARM_MAX * size:
+    size = abs(mass) ** (1.0 / 3.0)
+    if length <= ARM_MAX * max(1.0, size):
         return ''
-    return min(UNITS, key=lambda unit: abs(np.log(length * UNITS[unit] / (ARM * size))))
+    usual = ARM * max(size, 1e-6)
+    return min(UNITS, key=lambda unit: abs(np.log(length * UNITS[unit] / usual)))
 
 
 @dataclass(frozen=True)
 class Cause:
     """A slip that explains what is wrong.
 
-    - `kind`: 'spin', 'position', 'thrust', 'centre', 'axis', 'spins', 'order', 'units' or
-      'speeds'
+    - `kind`: 'spin', 'position', 'thrust', 'torque', 'centre', 'axis', 'spins', 'order', 'units'
+      or 'speeds'
     - `rotors`: the rotors of which one has the slip, counted from 1; empty if it is not a rotor's
     - `text`: what is wrong and what would be right, in words
     """
@@ -102,8 +105,14 @@ def diagnose(vehicle: Vehicle) -> tuple[Cause, ...]:
     Rotors are taken as they would be with full health.
     """
     vehicle = vehicle.intact
-    arm = float(np.linalg.norm(vehicle.arms, axis=1).max())
+    arms = np.linalg.norm(vehicle.arms, axis=1)
+    arm, i = float(arms.max()), int(arms.argmax())
     if unit := likely_unit(arm, vehicle.mass):
+        rest = float(np.delete(arms, i).max(initial=0.0))
+        if 0.0 < FAR * rest < arm and not likely_unit(rest, vehicle.mass):
+            return (Cause('position', (i + 1,), (
+                f'rotor {i + 1} is {arm:.4g} m from the centre of mass, the others within '
+                f'{rest:.4g} m: its position looks like {unit} instead of metres')),)
         return (Cause('units', (), (
             f'an arm of {arm:.4g} m for {vehicle.mass:.4g} kg: positions look like '
             f'{unit} instead of metres')),)
@@ -142,6 +151,9 @@ def _geometry(vehicle: Vehicle) -> tuple[Cause, ...]:
         rotor = int(down[0]) + 1
         return (Cause('axis', (rotor,), (
             f'rotor {rotor} points down and all others up: its axis has the wrong sign')),)
+    if vehicle.weight > 0.0 and len(down) == vehicle.n and (vehicle.speed_min >= 0.0).all():
+        return (Cause('axis', tuple(range(1, vehicle.n + 1)), (
+            'all rotors point down, so they cannot lift: z of their axes has the wrong sign')),)
     if not (up > UPWARDS).all() or vehicle.n < ROTORS_MIN:
         return ()
     yaw_lost = 'yaw' not in independent_part(problem_of(vehicle)).axes
@@ -149,7 +161,21 @@ def _geometry(vehicle: Vehicle) -> tuple[Cause, ...]:
         return (Cause('spins', tuple(range(1, vehicle.n + 1)), (
             'all rotors turn the same way, so nothing gives a yaw torque against their drag: '
             'half of them turn the other way')),)
-    return _broken_symmetry(vehicle) or (_exchanged(vehicle) if yaw_lost else ())
+    found = _broken_symmetry(vehicle) or (_exchanged(vehicle) if yaw_lost else ())
+    return found + _torques(vehicle)
+
+
+def _torques(vehicle: Vehicle) -> tuple[Cause, ...]:
+    """Return that one rotor has a far other torque for its thrust than the others, if so."""
+    ratios = vehicle.torque_coefficient / vehicle.thrust_coefficient
+    usual = float(np.median(ratios))
+    strange = ~((ratios > usual / ODD_TORQUE) & (ratios < ODD_TORQUE * usual))
+    if not usual or strange.sum() != 1:
+        return ()
+    i = int(strange.argmax())
+    return (Cause('torque', (i + 1,), (
+        f'rotor {i + 1} gives {ratios[i] / usual:.2g} times the torque of the others for the same '
+        'thrust: torque_coefficient')),)
 
 
 def _holds_all(vehicle: Vehicle) -> bool:

@@ -19,7 +19,7 @@ import argparse
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
+from difflib import SequenceMatcher
 from functools import partial
 from math import atan2, degrees, radians
 from pathlib import Path
@@ -34,8 +34,9 @@ from ca_ros.arguments import (
     finite,
     rotor_rows,
 )
+from ca_ros.arrays import Array
 from ca_ros.input_files import read_text
-from ca_ros.problem.diagnosis import UNITS, diagnose, likely_unit
+from ca_ros.problem.diagnosis import FAR, UNITS, diagnose, likely_unit
 from ca_ros.vehicle.parameter_text import parameter_text
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -53,7 +54,7 @@ ROUNDING = 1e-6
 FLIP = np.array([1.0, -1.0, -1.0])
 
 # `param set-default NAME VALUE` of an airframe, or a line of a file of QGroundControl.
-LINE = re.compile(r'\s*(?:param\s+set(?:-default)?|\d+\s+\d+)\s+(CA_\w+)\s+(\S+)')
+LINE = re.compile(r'\s*(?:param\s+set(?:-default)?|\d+\s+\d+)\s+(\w+)\s+(\S+)')
 
 NAMES = [
     'CA_ROTOR_COUNT', 'CA_SV_TL_COUNT',
@@ -61,6 +62,15 @@ NAMES = [
     *(f'CA_SV_TL{i}_{kind}' for i in range(SERVOS) for kind in ('CT', 'MAXA', 'MINA', 'TD')),
 ]
 """PX4's parameters of rotors and of the servos that tilt them."""
+
+ROTOR_NAMES = [name for name in NAMES if name.startswith('CA_ROTOR')]
+ALIKE = 0.75  # least likeness of a name to that of a rotor's parameter that it may be meant for
+STATED = 2  # most rotors of a slip whose parameters are named
+FAULTY = {
+    'spin': ('KM',), 'axis': ('AZ',), 'thrust': ('CT',), 'torque': ('KM',),
+    'position': ('PX', 'PY'), 'order': ('PX', 'PY', 'KM'), 'spins': ('KM',),
+}
+"""The parameters of a rotor in which each kind of slip is; see `Cause`."""
 
 WHOLE = re.compile(r'CA_(ROTOR_COUNT|R_REV|AIRFRAME|SV_TL_COUNT|ROTOR\d+_TILT|SV_TL\d_(TD|CT))')
 
@@ -76,14 +86,12 @@ def read(text: str) -> dict[str, float]:
     Raises a ValueError if they do not describe a multirotor, or have names that PX4 does not know.
     """
     given = {}
-    for number, line in enumerate(text.splitlines(), 1):
-        if (found := LINE.match(line)) is None:
-            continue
-        name, word = found.groups()
-        if name.startswith(('CA_ROTOR', 'CA_SV_TL')) and name not in NAMES:
-            near = get_close_matches(name, NAMES, 1)
-            hint = f'; did you mean {near[0]}?' if near else ''
+    names = [name for name, _, _ in _lines(text)]
+    for name, word, number in _lines(text):
+        if hint := _misspelt(name, names):
             raise ValueError(f'line {number}: PX4 has no parameter {name}{hint}')
+        if not name.startswith('CA_'):
+            continue
         try:
             given[name] = finite(word)
         except (ValueError, argparse.ArgumentTypeError):
@@ -114,13 +122,56 @@ def read(text: str) -> dict[str, float]:
     return given
 
 
-def _check_size(farthest: float, mass: float) -> None:
-    """Raise a ValueError if a rotor is too far away [m] for the mass [kg]."""
-    if unit := likely_unit(farthest, mass):
+def _lines(text: str) -> list[tuple[str, str, int]]:
+    """Return name, value and number of each line with a parameter."""
+    found = ((LINE.match(line), number) for number, line in enumerate(text.splitlines(), 1))
+    return [(match[1], match[2], number) for match, number in found if match]
+
+
+def _misspelt(name: str, names: Sequence[str]) -> str:
+    """Return what is said of a misspelt name of a rotor or its servo; empty: it is none.
+
+    `names`: all names of the file; of names that are equally near one that it lacks, of a rotor
+    that has others, is meant.
+    """
+    if name in NAMES:
+        return ''
+    # The letter O in place of the digit.
+    likely = re.sub(r'O(?=_[A-Z]+$)', '0', name.upper())
+    known = NAMES if likely.startswith('CA_SV_TL') else ROTOR_NAMES
+    strange = not likely.startswith(('CA_ROTOR', 'CA_SV_TL')) and likely not in NAMES
+    if strange and not re.search(rf'_({"|".join((*KINDS, "TILT", "COUNT"))})$', likely):
+        return ''
+    match = SequenceMatcher(b=likely)
+    ranks = []
+    for each in known:
+        match.set_seq1(each)
+        beside = each.rpartition('_')[0] + '_'
+        alone = not any(other.startswith(beside) for other in names)
+        ranks.append((match.ratio(), each not in names, not alone, each))
+    likeness, *_, nearest = max(ranks)
+    if strange and likeness < ALIKE:
+        return ''
+    return f'; did you mean {nearest}?'
+
+
+def _check_size(places: Array, mass: float) -> None:
+    """Raise a ValueError if one of the places (n, 3) is too far away [m] for the mass [kg]."""
+    sizes = np.abs(places).max(axis=1)
+    farthest = float(sizes.max())
+    if not (unit := likely_unit(farthest, mass)):
+        return
+    scaled, i = farthest * UNITS[unit], int(sizes.argmax())
+    rest = float(np.delete(sizes, i).max(initial=0.0))
+    if 0.0 < FAR * rest < farthest and not likely_unit(rest, mass):
         raise ValueError(
-            f'a rotor is {farthest:g} m from the centre of mass of {mass:g} kg: positions look '
-            f'like {unit}; --length {UNITS[unit]:g} takes them for such'
+            f'CA_ROTOR{i} (rotor {i + 1}) is {farthest:g} m from the centre of mass, the others '
+            f'within {rest:g} m: its CA_ROTOR{i}_PX or _PY looks like {unit} ({scaled:g} m)'
         )
+    raise ValueError(
+        f'a rotor is {farthest:g} m from the centre of mass of {mass:g} kg: positions look '
+        f'like {unit}; --length {UNITS[unit]:g} takes them for such: {scaled:g} m'
+    )
 
 
 def _check_reverse(reverse: int, every: int, least: float) -> None:
@@ -172,18 +223,28 @@ def from_px4(
             'metres: give --length, what 1 stands for (--length 1 if it is a metre)'
         )
     places *= 1.0 if length is None else length
-    _check_size(float(np.abs(places).max()), mass)
+    _check_size(places, mass)
     ct, km = (np.array([rotor[kind] for rotor in rotors]) for kind in ('CT', 'KM'))
     for i in range(n):
-        if not axes[i].any() or ct[i] <= 0.0:
-            raise ValueError(f'rotor {i} has no axis or no thrust: PX4 would ignore it')
-        if km[i] == 0.0:
-            raise ValueError(f'CA_ROTOR{i}_KM is 0: expected its sign, the sense of rotation')
+        named = f'CA_ROTOR{i} (rotor {i + 1})'
+        if not axes[i].any() or ct[i] == 0.0:
+            raise ValueError(f'{named} has no axis or no thrust: PX4 would ignore it')
+        if ct[i] < 0.0:
+            raise ValueError(
+                f'{named}: CA_ROTOR{i}_CT is {ct[i]:g}: expected above 0; a rotor that pushes the '
+                f'other way has the other axis, CA_ROTOR{i}_AX to _AZ'
+            )
+        if km[i] == 0.0 and (km.any() or moment_constant is not None):
+            raise ValueError(
+                f'{named}: CA_ROTOR{i}_KM is 0: expected its sign, the sense of rotation'
+            )
     _check_reverse(int(given.get('CA_R_REV', 0)), 2**n - 1, speeds[0])
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     thrust = thrust_coefficient * ct / ct.max()
     torque = thrust * (np.abs(km) if moment_constant is None else moment_constant)
 
+    # Without a reaction torque senses mean nothing.
+    senses = km if km.any() else (-1.0) ** np.arange(n)
     absent = [f'CA_ROTOR{i}_{kind}' for i in range(n) for kind in ('CT', 'KM')]
     absent = [name for name in absent if name not in given]
     note = f". PX4's defaults: {', '.join(absent)}" if absent else ''
@@ -191,7 +252,8 @@ def from_px4(
         'vehicle': {'name': f"'{name}'", 'mass': mass, 'inertia': inertia},
         'rotors': {
             'positions': places, 'axes': axes,
-            'spins': ['ccw' if each > 0.0 else 'cw' for each in km], 'thrust_coefficient': thrust,
+            'spins': ['ccw' if each > 0.0 else 'cw' for each in senses],
+            'thrust_coefficient': thrust,
             'torque_coefficient': torque, 'speed_min': speeds[0], 'speed_max': speeds[1],
         } | tilts_from(given, n),
     }, f"From PX4's parameters; the rotors are in its order{note}.")
@@ -295,6 +357,27 @@ def text(found: Mapping[str, float], style: str) -> str:
     return '\n'.join(lines)
 
 
+def warnings(text: str, vehicle: Vehicle) -> list[str]:
+    """Return what is probably wrong in a file of PX4, with its parameters and lines.
+
+    `vehicle`: the file's, as `from_px4` returns it.
+    """
+    lines = {name: number for name, _, number in _lines(text)}
+    lost = [i for i in range(vehicle.n) if not {f'CA_ROTOR{i}_PX', f'CA_ROTOR{i}_PY'} & {*lines}]
+    found = [
+        f'CA_ROTOR{i} (rotor {i + 1}) is at the centre of mass: there is neither CA_ROTOR{i}_PX '
+        f'nor CA_ROTOR{i}_PY' for i in lost if len(lost) < vehicle.n
+    ]
+    for cause in diagnose(vehicle):
+        kinds, places = FAULTY.get(cause.kind, ()), []
+        for name in (f'CA_ROTOR{i - 1}_{kind}' for i in cause.rotors for kind in kinds):
+            places.append(f'{name}, line {lines[name]}' if name in lines else f'no {name}')
+        if len(cause.rotors) > STATED:
+            places = ['rotor 1 is CA_ROTOR0']
+        found.append(f'{cause.text} ({"; ".join(places)})' if places else cause.text)
+    return found
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     ways = parser.add_subparsers(dest='way', required=True)
@@ -318,7 +401,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Convert, and print the result."""
     if options.way == 'from-px4':
-        given = read(read_text(options.file))
+        content = read_text(options.file)
+        given = read(content)
         speeds = options.speed_min, options.speed_max
         name = re.sub(r'\W', '_', options.file.stem)
         found = from_px4(
@@ -326,8 +410,8 @@ def run(options: argparse.Namespace) -> None:
             options.inertia, name, options.length,
         )
         print(found, end='')
-        for cause in diagnose(Vehicle.from_text(found)):
-            print(f'ca_ros px4-parameters: warning: {cause.text}', file=sys.stderr)
+        for warning in warnings(content, Vehicle.from_text(found)):
+            print(f'ca_ros px4-parameters: warning: {warning}', file=sys.stderr)
         return
     written = to_px4(Vehicle.load(options.vehicle), options.order)
     print(text(written, options.style))
