@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 import ca_ros
 import user_code
@@ -64,6 +65,34 @@ def test_a_vehicle_by_keywords_is_that_of_its_parameters():
         np.testing.assert_array_equal(Exact(vehicle).allocate(u).speeds, expected)
 
 
+@pytest.mark.parametrize('positions', [
+    SQUARE, np.array(SQUARE), [list(row) for row in SQUARE], np.ravel(SQUARE)])
+def test_parameters_in_code_may_have_a_row_for_each_rotor(positions):
+    given = {'vehicle': {'mass': 1.0}, 'rotors': {'positions': positions, 'spins': SPINS, **ROTOR}}
+    assert Vehicle.from_parameters(given) == quadrotor()
+    given['rotors']['axes'] = [(0.0, 0.0, 1.0)] * 4
+    assert Vehicle.from_parameters(given) == quadrotor()
+
+
+def test_parameters_may_be_the_content_of_a_file(tmp_path):
+    quadrotor().save(tmp_path / 'saved.yaml')
+    content = yaml.safe_load((tmp_path / 'saved.yaml').read_text(encoding='utf-8'))
+    assert Vehicle.from_parameters(content) == Vehicle.load(tmp_path / 'saved.yaml')
+    with pytest.raises(TypeError, match=r'Vehicle\.load reads a file'):
+        Vehicle.from_parameters('hexarotor')
+
+
+def test_a_ring_takes_signs_for_spins():
+    circle = {'radius': 0.4, 'mass': 1.0, **ROTOR}
+    made = Vehicle.ring(count=6, yaw_torque_signs=[1, 1, -1, -1, 1, -1], **circle)
+    np.testing.assert_array_equal(made.spins, [1, 1, -1, -1, 1, -1])
+    with pytest.raises(ParameterError, match='yaw_torque_signs: given beside spins'):
+        Vehicle.ring(count=4, spins=SPINS, yaw_torque_signs=[1, -1, 1, -1], **circle)
+    for count in (6.0, '6', 0, -2, None, True):
+        with pytest.raises(ParameterError, match='count: expected a number of rotors such as 6'):
+            Vehicle.ring(count=count, **circle)
+
+
 def test_a_ring_is_that_of_the_shipped_hexarotor():
     made = Vehicle.ring(count=6, radius=0.4, mass=1.0, inertia=[0.015, 0.015, 0.03], **ROTOR)
     np.testing.assert_allclose(made.arms, ring(6), atol=1e-15)
@@ -76,6 +105,9 @@ def test_a_ring_is_that_of_the_shipped_hexarotor():
     ({'spins': [1, -1, 1, -1]}, r'\+1 is clockwise.*rotorpy.*KM of PX4.*yaw_torque_signs'),
     ({'positions': np.zeros((7, 2))}, r'positions: expected shape \(n, 3\).*got \(7, 2\)'),
     ({'positions': np.ravel(SQUARE)}, r'positions: expected shape \(n, 3\)'),
+    ({'positions': 'x'}, r"positions: expected shape \(n, 3\).* got 'x'"),
+    ({'positions': [(1.0, 2.0, 3.0), (1.0, 2.0)]}, r'positions: expected shape \(n, 3\)'),
+    ({'spins': None, 'yaw_torque_signs': 'x'}, "expected 1 or -1 for each rotor; got 'x'"),
     ({'spins': SPINS[:3]}, 'expected 4 words, one per rotor'),
     ({'spinz': 3}, r'spinz: no such keyword \(did you mean spins\?\)'),
     ({'max_thrust': 5.0}, r'max_thrust: no such keyword; .* speed_max=sqrt\(max_thrust / thr'),

@@ -132,9 +132,19 @@ def read(vehicle: str | Path, node: str | None = None) -> dict[str, Any]:
     """
     file = ParameterFile(vehicle)
     try:
-        return renamed(_ros_parameters(file.content, node))
+        return parameters_in(file.content, node)
     except ParameterError as error:
         raise type(error)(f'{file.path}: {error}') from None
+
+
+def is_content(given: Mapping[str, Any]) -> bool:
+    """Tell whether a mapping is the content of a parameter file, with sections of nodes."""
+    return any(isinstance(each, Mapping) for each in given.values()) and bool(_sections(given))
+
+
+def parameters_in(content: Any, node: str | None = None) -> dict[str, Any]:
+    """Return the parameters in the content of a file by name; see `read`."""
+    return renamed(_ros_parameters(content, node))
 
 
 def _ros_parameters(content: Any, node: str | None) -> dict[str, Any]:

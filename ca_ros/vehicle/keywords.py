@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ca_ros.arrays import Array
+from ca_ros.errors import shortened
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.settings import AxesSettings, MovingBodySettings, RotorSettings
 
@@ -92,6 +94,17 @@ def flat(name: str, value: Any) -> list[tuple[str, Any]]:
     return [pair for key, each in value.items() for pair in flat(f'{name}.{key}', each)]
 
 
+def with_rows(name: str, value: Any) -> Any:
+    """Return the value of a parameter as a file has it, where it has a row for each rotor.
+
+    Raises a ParameterError if the rows do not have three numbers each.
+    """
+    kinds = (list, tuple, np.ndarray)
+    if name not in ('rotors.positions', 'rotors.axes') or not isinstance(value, kinds):
+        return value
+    return plain(_rows(name, value)) if any(isinstance(each, kinds) for each in value) else value
+
+
 def ring_spins(count: int, spins: Sequence[str] | None) -> Sequence[str]:
     """Return the spins of a ring; by default they alternate, the first one clockwise.
 
@@ -105,28 +118,37 @@ def ring_spins(count: int, spins: Sequence[str] | None) -> Sequence[str]:
 def _rows(name: str, value: Any) -> Any:
     if isinstance(value, Mapping):
         raise ParameterError(f'{name}: expected shape (n, 3), got a mapping: list its values()')
-    array = np.asarray(value, dtype=float)
+    right = 'shape (n, 3), x, y, z of each rotor, forward-left-up'
+    array = _numbers(name, value, right)
     if array.ndim != 2 and name == 'rotor_axes' and array.size == 3:
         return array
     if array.ndim != 2 or array.shape[1] != 3:
-        raise ParameterError(f'{name}: expected shape (n, 3), x, y, z of each rotor, forward-left-'
-                             f'up; got {array.shape}')
+        raise ParameterError(f'{name}: expected {right}; got {array.shape}')
     return array
+
+
+def _numbers(name: str, value: Any, right: str) -> Array:
+    """Return numbers as an array; raise a ParameterError that says what is right."""
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ParameterError(f'{name}: expected {right}; got {shortened(value)}') from None
 
 
 def _spins(value: Any) -> Any:
     if isinstance(value, str):
         raise ParameterError(f"spins: expected 'cw' or 'ccw' for each rotor, got {value!r} alone")
-    words = np.asarray(value).ravel().tolist()
+    words = np.asarray(value, dtype=object).ravel().tolist()
     if any(not isinstance(word, str) for word in words):
         raise ParameterError(f'spins: got {words}: {SIGNS}')
     return words
 
 
 def _turns(value: Any) -> list[str]:
-    signs = np.asarray(value, dtype=float).ravel()
+    right = '1 or -1 for each rotor'
+    signs = _numbers('yaw_torque_signs', value, right).ravel()
     if not np.isin(signs, (-1.0, 1.0)).all():
-        raise ParameterError(f'yaw_torque_signs: expected 1 or -1 for each rotor, got {value}')
+        raise ParameterError(f'yaw_torque_signs: expected {right}, got {value}')
     return ['cw' if sign > 0.0 else 'ccw' for sign in signs.tolist()]
 
 

@@ -17,7 +17,7 @@ from ca_ros.setting_names import check_given
 from ca_ros.settings import MissingParameterError, ParameterError, read, table
 from ca_ros.vehicle import files
 from ca_ros.vehicle.fields import fields_of
-from ca_ros.vehicle.keywords import flat, parameters_of, ring_spins
+from ca_ros.vehicle.keywords import flat, parameters_of, ring_spins, with_rows
 from ca_ros.vehicle.motors import Motors
 from ca_ros.vehicle.saving import file_text
 from ca_ros.vehicle.servos import Servos
@@ -159,7 +159,8 @@ class Vehicle(Motors):
     @classmethod
     def ring(
         cls, *, count: int, radius: float, first_angle: float = 0.0, height: float = 0.0,
-        spins: Sequence[str] | None = None, **others: Any,
+        spins: Sequence[str] | None = None, yaw_torque_signs: ArrayLike | None = None,
+        **others: Any,
     ) -> Vehicle:
         """Return a vehicle with its rotors on a circle, symmetric to the last bit.
 
@@ -169,7 +170,7 @@ class Vehicle(Motors):
         - `count`: number of rotors
         - `radius` and `height`: of the circle [m]
         - `first_angle`: of the first rotor, from forward to the left [degrees]
-        - `others`: keywords of the class
+        - `yaw_torque_signs`, `others`: keywords of the class
 
         >>> Vehicle.ring(
         ...     count=6, radius=0.4, mass=1.0, thrust_coefficient=2.5e-5, torque_coefficient=5e-7,
@@ -178,7 +179,12 @@ class Vehicle(Motors):
         """
         circle = {
             'count': count, 'radius': radius, 'first_angle': first_angle, 'height': height}
-        return cls(spins=ring_spins(count, spins), ring=circle, **others)
+        whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
+        if not whole or count < 1:
+            raise ParameterError(f'count: expected a number of rotors such as 6, got {count!r}')
+        if yaw_torque_signs is None:
+            spins = ring_spins(count, spins)
+        return cls(spins=spins, yaw_torque_signs=yaw_torque_signs, ring=circle, **others)
 
     @classmethod
     def load(cls, vehicle: str | Path, node: str | None = None) -> Vehicle:
@@ -207,12 +213,19 @@ class Vehicle(Motors):
     def from_parameters(cls, given: Mapping[str, Any]) -> Vehicle:
         """Build a vehicle from parameters by name, as in a parameter file.
 
-        The names are dotted, ``vehicle.mass``, or of mappings in mappings.  Unknown names are
-        ignored, except in the groups ``vehicle`` and ``rotors``, and those that are similar to the
-        vehicle's.  The inertia may be missing.  Raises a ParameterError that names the key and the
-        fault.
+        The names are dotted, ``vehicle.mass``, or of mappings in mappings, also behind
+        ``ros__parameters`` as a file has them.  Rotors have x, y, z in a list or (n, 3).  Unknown
+        names are ignored, except in the groups ``vehicle`` and ``rotors``, and those that are
+        similar to the vehicle's.  The inertia may be missing.  Raises a ParameterError that names
+        the key and the fault.
         """
-        given = dict(pair for name, value in given.items() for pair in flat(name, value))
+        if not isinstance(given, Mapping):
+            raise TypeError(
+                f'expected parameters by name, got {given!r}; Vehicle.load reads a file')
+        if files.is_content(given):
+            given = files.parameters_in(given)
+        given = {name: with_rows(name, each) for group, value in given.items()
+                 for name, each in flat(group, value)}
         groups = table(MovingVehicleSettings)
         check_given({name: given[name] for name in given if _concerns_vehicle(name)}, groups)
         moving = 'vehicle.inertia' in given
