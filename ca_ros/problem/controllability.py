@@ -54,12 +54,14 @@ def independence(rows: Array) -> Array:
     found = _distances(rows)
     if found is not None:
         return found
-    distances = []
-    for i, row in enumerate(rows):
-        others = np.delete(rows, i, axis=0).T
-        rest = row - others @ np.linalg.lstsq(others, row, rcond=1e-12)[0]
-        distances.append(np.linalg.norm(rest))
-    return np.array(distances)
+    return np.array([_distance(rows, i) for i in range(len(rows))])
+
+
+def _distance(rows: Array, i: int) -> float:
+    """Return the distance of one of the `unit_rows` from the span of the others."""
+    others = np.delete(rows, i, axis=0).T
+    rest = rows[i] - others @ np.linalg.lstsq(others, rows[i], rcond=1e-12)[0]
+    return float(np.linalg.norm(rest))
 
 
 def _distances(rows: Array) -> Array | None:
@@ -98,10 +100,12 @@ def _dependent(problem: AllocationProblem, candidates: Sequence[str]) -> str:
     An axis that is independent of all others stays.  Thrust follows the candidates, but not that
     of a vehicle, which hovers by it.
     """
-    found = dict(zip(problem.axes, independence(unit_rows(problem)).tolist(), strict=True))
+    rows = unit_rows(problem)
     if not isinstance(problem, VehicleProblem):
         candidates = [*candidates, *(axis for axis in problem.axes if axis not in candidates)]
-    return next((axis for axis in candidates if found[axis] < INDEPENDENCE_MIN), candidates[0])
+    return next(
+        (axis for axis in candidates
+         if _distance(rows, problem.axes.index(axis)) < INDEPENDENCE_MIN), candidates[0])
 
 
 def holding_part(problem: Part) -> Part:
