@@ -122,7 +122,7 @@ def test_noise_explains_nothing():
     assert found.lag.fault
     assert found.parameters == {}
     assert found.left['rotors.thrust_coefficient'] == 'no accelerometer'
-    assert found.left['detector.angular_velocity_noise'] == 'nothing else is sure'
+    assert found.left['detector.angular_velocity_noise'] == 'no other parameter is sure'
 
 
 @pytest.mark.parametrize(('factor', 'unit'), [(1e3, 'ms'), (1e6, 'us')])

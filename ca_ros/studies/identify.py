@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> None:
     for warning in warnings(found):
         print(f'ca_ros identify: warning: {warning}', file=sys.stderr)
     if not found.parameters:
-        why = 'a sign is wrong' if found.wrong_signs else 'nothing is sure'
+        why = 'a sign is wrong' if found.wrong_signs else 'no parameter is sure'
         raise ParameterError(f'{why}: no parameter changes' + ', and no file is written' * (
             options.out is not None))
     if options.out is not None:

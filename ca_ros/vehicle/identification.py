@@ -215,7 +215,7 @@ def _with_parameters(found: Identification, vehicle: Vehicle) -> Identification:
     if given:
         given[noise] = _rounded(found.noise)
     else:
-        left[noise] = 'nothing else is sure'
+        left[noise] = 'no other parameter is sure'
     return replace(found, effectiveness=effectiveness, parameters=given, left=left)
 
 

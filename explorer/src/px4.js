@@ -34,9 +34,12 @@ export function fromPx4(given, {mass, thrust, speedMin, speedMax, length}, name)
   const rotors = Array.from({length: n}, (_, i) => Object.fromEntries(Object.entries(DEFAULTS)
     .map(([kind, value]) => [kind, given[`CA_ROTOR${i}_${kind}`] ?? value])));
   const strongest = Math.max(...rotors.map(({CT}) => CT)), coefficient = thrust / (speedMax * speedMax);
+  const reactionless = rotors.every(({KM}) => KM === 0);
   rotors.forEach(({AX, AY, AZ, CT, KM}, i) => {
-    insist((AX || AY || AZ) && CT > 0, `rotor ${i} has no axis or no thrust: PX4 would ignore it`);
-    insist(KM, `CA_ROTOR${i}_KM is 0: expected its sign, the sense of rotation`);
+    const named = `CA_ROTOR${i} (rotor ${i + 1})`;
+    insist((AX || AY || AZ) && CT, `${named} has no axis or no thrust: PX4 would ignore it`);
+    insist(CT > 0, `${named}: CA_ROTOR${i}_CT is ${CT}: expected above 0`);
+    insist(KM || reactionless, `${named}: CA_ROTOR${i}_KM is 0: expected its sign, the sense of rotation`);
   });
   const reverse = given.CA_R_REV ?? 0;
   insist(!reverse || speedMin < 0, 'CA_R_REV: motors reverse, so expected a lowest speed below 0');
@@ -47,7 +50,7 @@ export function fromPx4(given, {mass, thrust, speedMin, speedMax, length}, name)
     rotors: {
       positions: flat(['PX', 'PY', 'PZ'], () => length),
       axes: flat(['AX', 'AY', 'AZ'], ({AX, AY, AZ}) => 1 / Math.hypot(AX, AY, AZ)),
-      spins: rotors.map(({KM}) => KM > 0 ? 'ccw' : 'cw'),
+      spins: rotors.map(({KM}, i) => (reactionless ? i % 2 === 0 : KM > 0) ? 'ccw' : 'cw'),
       thrust_coefficient: forward, torque_coefficient: forward.map((k, i) => k * Math.abs(rotors[i].KM)),
       speed_min: speedMin, speed_max: speedMax,
     }}}});
