@@ -214,6 +214,21 @@ def test_a_reference_of_scale_that_is_out_of_reach_gives_way_to_hover():
         sound.with_health(health).allocate([9.81, 0.5, 0.0, 0.0])
 
 
+@pytest.mark.parametrize(('name', 'rates', 'last'), [
+    ('hexarotor_realistic', None, (np.full(6, 250.0),)),
+    ('tricopter', 2000.0, (np.full(3, 250.0), [0.0]))])
+def test_rates_after_a_failure_take_the_last_command(name, rates, last):
+    """Those of the vehicle's file, and of rotors that tilt."""
+    failed = Exact(Vehicle.load(name)).fail(1)
+    slow = failed.within_rates(rates)
+    u = failed.problem.hover
+    answer = slow.allocate(u, *last, period=0.01)
+    np.testing.assert_array_equal(
+        answer.thrusts, slow.allocate_after(u, np.concatenate(last), 0.01).thrusts)
+    assert answer.wrench.shape == (4,)
+    assert repr(slow) == f'{type(slow._answering).__name__}: {failed!r}'
+
+
 def test_rates_and_failures_in_either_order():
     sound = Exact(Vehicle.load('hexarotor'))
     health, last = health_without(6, 1), np.full(6, 250.0)

@@ -76,7 +76,8 @@ class Reduced(Allocator):
     def __repr__(self) -> str:
         """Return the same as of the method, with the lost axes."""
         lost = ', '.join(self.lost_axes) or 'none'
-        return f'{super().__repr__()}, lost axes {lost}'.replace(
+        within = '' if self._answering is self.method else f'{type(self._answering).__name__}: '
+        return within + f'{super().__repr__()}, lost axes {lost}'.replace(
             type(self).__name__, self._kind.__name__, 1)
 
     @property
@@ -89,8 +90,15 @@ class Reduced(Allocator):
         return Reduced(
             self.problem, self._kind, self.method, self.audit, self.settings, limited)
 
+    def allocate(self, u: ArrayLike, *last: Any, **more: Any) -> Allocation:
+        """Allocate one wrench; a method within rates takes the last command, see there."""
+        demand = self.problem.check(u)
+        answer: Allocation = self.whole(
+            self._answering.allocate(demand[self._rows], *last, **more), demand)
+        return answer
+
     def _allocate(self, u: Array) -> Allocation:
-        return self.whole(self._answering.allocate(u[self._rows]), u)
+        return self.allocate(u)
 
     def allocate_within(self, u: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Allocation:
         """Allocate one wrench within narrower bounds; see `Allocator.allocate_within`."""
