@@ -103,7 +103,7 @@ def main() -> None:
         'performance.md', python=table(('contender', *SETS, 'worst', 'wrench error'), python),
         in_C=table(('contender', 'uniform', 'flight', *columns), in_c),
         rotors=table(('rotors', *map(str, sizes)), rotors), others=table(('what', 'time'), others),
-        limits=table(('limit', 'at most', 'measured'), missed) if missed else 'None is missed.',
+        limits=table(('limit', 'at most', 'measured'), missed) if missed else 'None.',
     )
 
 
