@@ -47,8 +47,6 @@ def exact(vehicle: Any, **settings: Any) -> Any:
 
 def within_rates(allocator: Any) -> Any:
     """Return a function (u, last speeds, period) that allocates within rates of 2000 rad/s^2."""
-    if hasattr(allocator, 'within_rates'):
-        return allocator.within_rates(2000.0).allocate
     return ca_ros.SlewLimited(allocator, 2000.0).allocate
 
 
