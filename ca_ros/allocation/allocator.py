@@ -17,6 +17,7 @@ from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.settings import ParameterError, Settings, settings_of
+from ca_ros.vehicle.validation import counts
 from ca_ros.vehicle.vehicle import Vehicle
 
 
@@ -162,8 +163,7 @@ class Allocator(ABC):
         ('yaw',)
         """
         now = self.problem.health
-        whole = isinstance(effector, (int, np.integer)) and not isinstance(effector, bool)
-        if not whole or not 1 <= effector <= len(now):
+        if not counts(effector, len(now)):
             kind = self.problem.effector_kind
             raise ParameterError(f'no {effector!r} of {kind}: they count from 1 to {len(now)}')
         return self.with_health(np.where(np.arange(len(now)) == effector - 1, health, now))

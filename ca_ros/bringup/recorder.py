@@ -22,6 +22,7 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.link_faults import LINK_NAMES
 from ca_ros.nodes.messages import (
     announcement,
+    imu_arrays,
     nanoseconds,
     speeds_stamp,
     stamp,
@@ -95,11 +96,8 @@ class Recorder(Node):
             **{topic: partial(self.samples.add, topic.name) for topic in (*SAMPLED, topics.TILTS)},
         }
         if self._measures:
-            # Only this needs the package of the message.
-            from sensor_msgs.msg import Imu
-
             receivers[topics.MEASURED_SPEEDS] = self._receive_measured
-            receivers[Topic(topics.IMU, Imu)] = self._receive_imu
+            receivers[topics.imu()] = self._receive_imu
         receivers |= {topic: partial(self._receive_wrench, topic.path)
                       for topic in (topics.WRENCH, topics.UNALLOCATED, topics.RESIDUAL)}
         self._streams = [
@@ -251,9 +249,8 @@ class Recorder(Node):
             self._measured['measured'][time] = message.data
 
     def _receive_imu(self, message: Any) -> None:
-        force = message.linear_acceleration
-        time = nanoseconds(message.header.stamp)
-        self._measured['specific_force'][time] = force.x, force.y, force.z
+        _, force = imu_arrays(message)
+        self._measured['specific_force'][nanoseconds(message.header.stamp)] = force.tolist()
 
     def _receive_wrench(self, topic: str, message: WrenchStamped) -> None:
         self.wrenches[topic][nanoseconds(message.header.stamp)] = wrench_numbers(message)

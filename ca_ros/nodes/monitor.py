@@ -21,7 +21,7 @@ from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import NO_EVENTS, Streams
-from ca_ros.nodes.topics import COMMAND, Topic, standing
+from ca_ros.nodes.topics import COMMAND, standing
 from ca_ros.nodes.watchdog import CommandWatch
 from ca_ros.parameter_files import MonitorSettings
 from ca_ros.problem.audit import Audit
@@ -83,7 +83,7 @@ class MonitorNode(Node):
         restart = topics.STATE_RESTART
         self.create_subscription(restart.kind, restart.name, self._receive_restart, COMMAND)
         if self._forces is not None:
-            self._subscribe_imu()
+            self.streams.subscribe(topics.imu(), self._receive_imu)
         self.streams.subscribe(topics.POSE, self._receive_pose)
         self.streams.subscribe(topics.VELOCITY, self._receive_velocity)
         if self._mode.clocked:
@@ -95,12 +95,6 @@ class MonitorNode(Node):
         self.diagnostics.start(
             self._levels, self._values, self.streams, self.watchdog.watch,
             self._publish_announced, log=self.belief.log)
-
-    def _subscribe_imu(self) -> None:
-        # Only this needs the package of the message.
-        from sensor_msgs.msg import Imu
-
-        self.streams.subscribe(Topic(topics.IMU, Imu), self._receive_imu)
 
     def _use(self) -> None:
         self.detector: Detector = self.belief.built

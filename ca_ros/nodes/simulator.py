@@ -17,7 +17,7 @@ from ca_ros.nodes.diagnostics import OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import STEADY, Streams
-from ca_ros.nodes.topics import DEPTH, Topic
+from ca_ros.nodes.topics import DEPTH
 from ca_ros.nodes.watchdog import CommandWatch, fallback
 from ca_ros.parameter_files import SimulatorSettings
 from ca_ros.simulation.plant import Plant, body_of
@@ -70,10 +70,8 @@ class SimulatorNode(Node):
         self._period_ns = round(self._step_ns / settings.simulator.real_time_factor)
         publish = self.streams.publish
         if self.plant.specific_force is not None:
-            # Only this needs the package of the message.
-            from sensor_msgs.msg import Imu
-
-            self._imu, self._imu_message = publish(Topic(topics.IMU, Imu)), Imu()
+            topic = topics.imu()
+            self._imu, self._imu_message = publish(topic), topic.kind()
             self._imu_message.orientation_covariance[0] = -1.0  # it has no orientation
         self._pose, self._velocity = map(publish, (topics.POSE, topics.VELOCITY))
         clock = settings.simulator.publish_clock

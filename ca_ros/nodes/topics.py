@@ -102,6 +102,13 @@ STREAMS = tuple(topic for topic in TOPICS if topic.stream and not topic.optional
 LINKS = tuple(topic for topic in STREAMS if topic.subscribers)  # they join the three nodes
 
 
+def imu() -> Topic:
+    """Return the topic `IMU`; only this imports the package of its message."""
+    from sensor_msgs.msg import Imu
+
+    return Topic(IMU, Imu)
+
+
 DEPTH = 2000  # of queues that lose nothing: steps that a recorder may lag behind in lockstep
 
 

@@ -64,6 +64,16 @@ def likely_unit(length: float, mass: float) -> str:
     return min(UNITS, key=lambda unit: abs(np.log(length * UNITS[unit] / usual)))
 
 
+def others_within(lengths: Array, mass: float) -> float:
+    """Return the second greatest of lengths (n,), if the greatest alone seems not to be in metres.
+
+    The greatest is then more than `FAR` times as long, and the others suit the mass [kg].
+    Otherwise 0 is returned.
+    """
+    rest = float(np.delete(lengths, lengths.argmax()).max(initial=0.0))
+    return rest if FAR * rest < lengths.max() and not likely_unit(rest, mass) else 0.0
+
+
 @dataclass(frozen=True)
 class Cause:
     """A slip that explains what is wrong.
@@ -108,8 +118,7 @@ def diagnose(vehicle: Vehicle) -> tuple[Cause, ...]:
     arms = np.linalg.norm(vehicle.arms, axis=1)
     arm, i = float(arms.max()), int(arms.argmax())
     if unit := likely_unit(arm, vehicle.mass):
-        rest = float(np.delete(arms, i).max(initial=0.0))
-        if 0.0 < FAR * rest < arm and not likely_unit(rest, vehicle.mass):
+        if rest := others_within(arms, vehicle.mass):
             return (Cause('position', (i + 1,), (
                 f'rotor {i + 1} is {arm:.4g} m from the centre of mass, the others within '
                 f'{rest:.4g} m: its position looks like {unit} instead of metres')),)

@@ -36,7 +36,7 @@ from ca_ros.arguments import (
 )
 from ca_ros.arrays import Array
 from ca_ros.input_files import read_text
-from ca_ros.problem.diagnosis import FAR, UNITS, diagnose, likely_unit
+from ca_ros.problem.diagnosis import UNITS, diagnose, likely_unit, others_within
 from ca_ros.vehicle.parameter_text import parameter_text
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -86,8 +86,9 @@ def read(text: str) -> dict[str, float]:
     Raises a ValueError if they do not describe a multirotor, or have names that PX4 does not know.
     """
     given = {}
-    names = [name for name, _, _ in _lines(text)]
-    for name, word, number in _lines(text):
+    lines = _lines(text)
+    names = [name for name, _, _ in lines]
+    for name, word, number in lines:
         if hint := _misspelt(name, names):
             raise ValueError(f'line {number}: PX4 has no parameter {name}{hint}')
         if not name.startswith('CA_'):
@@ -162,8 +163,7 @@ def _check_size(places: Array, mass: float) -> None:
     if not (unit := likely_unit(farthest, mass)):
         return
     scaled, i = farthest * UNITS[unit], int(sizes.argmax())
-    rest = float(np.delete(sizes, i).max(initial=0.0))
-    if 0.0 < FAR * rest < farthest and not likely_unit(rest, mass):
+    if rest := others_within(sizes, mass):
         raise ValueError(
             f'CA_ROTOR{i} (rotor {i + 1}) is {farthest:g} m from the centre of mass, the others '
             f'within {rest:g} m: its CA_ROTOR{i}_PX or _PY looks like {unit} ({scaled:g} m)'

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
+from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +28,13 @@ def numbers(name: str, given: ArrayLike, size: int | None = None) -> Array:
         text = ' '.join(repr(given).split())
         raise ValueError(f'{name}: expected finite numbers up to {ABSURD:g}, got {text}')
     return array if size is None else repeated(name, array, size, 'effector')
+
+
+def counts(number: object, most: float = inf) -> bool:
+    """Tell whether a number is a whole one from 1 to `most`; True and False are none."""
+    if isinstance(number, bool) or not isinstance(number, (int, np.integer)):
+        return False
+    return bool(1 <= number <= most)
 
 
 def repeated(name: str, value: ArrayLike, n: int, what: str = 'rotor') -> Array:

@@ -29,6 +29,7 @@ from ca_ros.vehicle.settings import (
     RotorSettings,
     VehicleSettings,
 )
+from ca_ros.vehicle.validation import counts
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False, kw_only=True)
@@ -179,8 +180,7 @@ class Vehicle(Motors):
         """
         circle = {
             'count': count, 'radius': radius, 'first_angle': first_angle, 'height': height}
-        whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
-        if not whole or count < 1:
+        if not counts(count):
             raise ParameterError(f'count: expected a number of rotors such as 6, got {count!r}')
         if yaw_torque_signs is None:
             spins = ring_spins(count, spins)
@@ -312,8 +312,7 @@ class Vehicle(Motors):
 
         Raises a ParameterError if there is no such rotor, or the health is not in [0, 1].
         """
-        whole = isinstance(rotor, (int, np.integer)) and not isinstance(rotor, bool)
-        if not whole or not 1 <= rotor <= self.n:
+        if not counts(rotor, self.n):
             raise ParameterError(f'no rotor {rotor!r}: the vehicle has rotors 1 to {self.n}')
         return self.with_health(np.where(np.arange(self.n) == rotor - 1, health, self.health))
 
