@@ -12,6 +12,7 @@ from ca_ros.problem.diagnosis import diagnose
 from ca_ros.px4 import parameters
 from ca_ros.vehicle.files import shipped_tilting, shipped_vehicles
 from ca_ros.vehicle.formats.mixers import MOTORS, ardupilot, betaflight, mixer
+from ca_ros.vehicle.formats.px4_lines import px4_lines
 from strategies import QUAD_X, build, length, ring
 
 SOUND = sorted(shipped_vehicles() | shipped_tilting())
@@ -312,6 +313,18 @@ def test_a_file_of_px4_in_place_of_a_vehicle_is_told(command, style, tmp_path, c
     file.write_text(parameters.text(parameters.to_px4(Vehicle.load('x8')), style))
     assert main([*command, str(file)]) == 1
     assert 'parameters of PX4: ca_ros px4-parameters from-px4 makes' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('space', ['\t', '  ', '\N{NO-BREAK SPACE}', '\N{EM SPACE}'])
+def test_any_space_parts_the_words_of_a_line_of_px4(space, tmp_path):
+    file, sound = tmp_path / 'my.params', parameters.to_px4(Vehicle.load('x8'))
+    text = parameters.text(sound, 'airframe').replace(' ', space)
+    file.write_text(text)
+    assert parameters.read(text) == pytest.approx(sound)
+    with pytest.raises(ParameterError, match='parameters of PX4'):
+        Vehicle.load(file)
+    # The end of a line is no space.
+    assert px4_lines('param set\nCA_ROTOR_COUNT 4\n1 1\nCA_ROTOR_COUNT 4 6') == []
 
 
 def test_a_file_that_has_all_parameters_of_px4_is_no_slip():

@@ -37,6 +37,7 @@ from ca_ros.arguments import (
 from ca_ros.arrays import Array
 from ca_ros.input_files import read_text
 from ca_ros.problem.diagnosis import UNITS, diagnose, likely_unit, others_within
+from ca_ros.vehicle.formats.px4_lines import px4_lines
 from ca_ros.vehicle.parameter_text import parameter_text
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -52,9 +53,6 @@ AIRFRAME, SERVOS = 8, 4  # CA_AIRFRAME of a multirotor with tilt, and its greate
 ROUNDING = 1e-6
 
 FLIP = np.array([1.0, -1.0, -1.0])
-
-# `param set-default NAME VALUE` of an airframe, or a line of a file of QGroundControl.
-LINE = re.compile(r'\s*(?:param\s+set(?:-default)?|\d+\s+\d+)\s+(\w+)\s+(\S+)')
 
 NAMES = [
     'CA_ROTOR_COUNT', 'CA_SV_TL_COUNT',
@@ -86,7 +84,7 @@ def read(text: str) -> dict[str, float]:
     Raises a ValueError if they do not describe a multirotor, or have names that PX4 does not know.
     """
     given = {}
-    lines = _lines(text)
+    lines = px4_lines(text)
     names = [name for name, _, _ in lines]
     for name, word, number in lines:
         if hint := _misspelt(name, names):
@@ -121,12 +119,6 @@ def read(text: str) -> dict[str, float]:
                 f'expected a count of {i + 1}, or no position'
             )
     return given
-
-
-def _lines(text: str) -> list[tuple[str, str, int]]:
-    """Return name, value and number of each line with a parameter."""
-    found = ((LINE.match(line), number) for number, line in enumerate(text.splitlines(), 1))
-    return [(match[1], match[2], number) for match, number in found if match]
 
 
 def _misspelt(name: str, names: Sequence[str]) -> str:
@@ -362,7 +354,7 @@ def warnings(text: str, vehicle: Vehicle) -> list[str]:
 
     `vehicle`: the file's, as `from_px4` returns it.
     """
-    lines = {name: number for name, _, number in _lines(text)}
+    lines = {name: number for name, _, number in px4_lines(text)}
     lost = [i for i in range(vehicle.n) if not {f'CA_ROTOR{i}_PX', f'CA_ROTOR{i}_PY'} & {*lines}]
     found = [
         f'CA_ROTOR{i} (rotor {i + 1}) is at the centre of mass: there is neither CA_ROTOR{i}_PX '

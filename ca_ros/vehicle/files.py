@@ -18,10 +18,7 @@ from ca_ros.errors import shortened
 from ca_ros.input_files import read_text
 from ca_ros.setting_names import renamed
 from ca_ros.settings import ParameterError
-
-# A line of an airframe of PX4, or of a file of QGroundControl.
-PX4 = re.compile(
-    r'^[ \t]*(?:param[ \t]+set(?:-default)?|\d+[ \t]+\d+)[ \t]+CA_ROTOR', re.MULTILINE)
+from ca_ros.vehicle.formats.px4_lines import px4_lines
 
 YAML_MAX = 1_000_000  # greatest size of a file, which takes some seconds to read [bytes]
 
@@ -108,7 +105,7 @@ class ParameterFile(str):
         self = super().__new__(cls, name)
         self.path = path = find(name)
         text = read_text(path, YAML_MAX)
-        if PX4.search(text):
+        if any(name.startswith('CA_ROTOR') for name, *_ in px4_lines(text)):
             raise ParameterError(
                 f'{path}: parameters of PX4: ca_ros px4-parameters from-px4 makes a file of '
                 'ca_ros from them'
