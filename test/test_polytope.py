@@ -23,7 +23,7 @@ def random_set(seed):
     matrix = (rng.integers(-2, 3, (m, n)).astype(float) if seed % 2
               else rng.normal(size=(m, n)) * 10.0 ** rng.uniform(-2, 2, (m, 1)))
     problem = AllocationProblem(matrix, rng.uniform(-2.0, 0.0, n), rng.uniform(0.0, 2.0, n))
-    return AdmissibleSet(problem) if problem.has_volume else None, rng
+    return AdmissibleSet(problem) if problem.interior.has_volume else None, rng
 
 
 RANDOM = [seed for seed in range(length(7, 130)) if random_set(seed)[0] is not None]

@@ -51,7 +51,7 @@ def test_hover_is_inside_where_a_linear_program_says_so(name):
         found = linprog(
             [*np.zeros(problem.n), -1.0],
             A_eq=np.column_stack([problem.gamma, -way]), b_eq=problem.center, bounds=bounds)
-        assert problem.has_volume
+        assert problem.interior.has_volume
         assert problem.hovers == (found.x[-1] > 1.0 + 1e-9)
         answers.add(problem.hovers)
     assert answers == {True, False}

@@ -279,7 +279,7 @@ class Allocator(ABC):
         problem = self.problem
         lower, upper = problem.check_bounds(lower, upper)
         moved = problem.bounded(lower, upper)
-        if moved.has_volume:
+        if moved.interior.has_volume:
             answer = type(self)(moved, self.settings).allocate(u)
         else:
             demand, thrusts = moved.check(u), moved.clip(moved.middle)

@@ -152,7 +152,7 @@ class Exact(Allocator):
             full = report.full.check(settings.scale_reference, name='scale_reference')
             rows = [report.full.axes.index(axis) for axis in problem.axes]
             settings = replace(settings, scale_reference=full[rows])
-            if report.full.failed and problem.has_volume:
+            if report.full.failed and problem.interior.has_volume:
                 inner = AdmissibleSet(problem).center
                 # What the failures leave may not reach it: the default takes its place.
                 if problem.reach(inner, full[rows] - inner, 1.0) < 1.0:

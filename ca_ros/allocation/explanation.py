@@ -120,7 +120,7 @@ def explain(
     served = shares(problem, demand, problem.gamma @ thrusts)
     found = Limits.none(np.ones_like(served) if exact else served, problem.n)
     margin, others = margin_of(within, demand), [BY_METHOD] * len(served)
-    if not problem.has_volume:
+    if not problem.interior.has_volume:
         margin = float('nan')
     elif margin < 0.0 and (found.served < 1.0).any():
         serve = AdmissibleSet(problem).check_order(None)
@@ -141,4 +141,4 @@ def explained(
 
 def margin_of(within: AllocationProblem, demand: Array) -> float:
     """Return the margin of a demand within the bounds of an answer."""
-    return float(within.attainable_set.margin(demand)) if within.has_volume else -np.inf
+    return float(within.attainable_set.margin(demand)) if within.interior.has_volume else -np.inf

@@ -16,9 +16,10 @@ from ca_ros.allocation.explanation import (
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.kernel.vectored import fields_of, sets_newton
+from ca_ros.problem.interior import INSIDE
 from ca_ros.problem.limits import Limits, shares
 from ca_ros.problem.prioritization import airmode_limits
-from ca_ros.problem.problem import INSIDE, AllocationProblem
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.programs import EXACT_TOLERANCE, lengths
 from ca_ros.problem.sets_limits import limits_of_vectors
 from ca_ros.problem.sets_prioritization import SetsPrioritization, refuse_limits
@@ -56,7 +57,8 @@ class SetsNumpy:
         if serving.begin is not None:
             return serving.begin
         way = serving.reference - middle
-        if self._problem.reference_central and serving.reference is self._problem.reference:
+        usual = serving.reference is self._problem.reference
+        if usual and self._problem.interior.has_reference_near_middle:
             return serving.reference
         reached = self._solver.line(middle, way, 1.0 / INSIDE).length
         return np.asarray(middle + min(1.0, INSIDE * reached) * way, float)

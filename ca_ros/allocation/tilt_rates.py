@@ -103,7 +103,7 @@ class TiltLimited:
         turned = self._servos.within(turned)
         reach = joined(self.vehicle, self._reachable(last, turned, period))
         problem = VehicleProblem(self.vehicle, reach, turned)
-        if not problem.has_volume:
+        if not problem.interior.has_volume:
             # The period is too short for any change.
             held = problem.clip(problem.middle)
             return Allocation(problem, problem.check(u), held, Status.INEXACT)

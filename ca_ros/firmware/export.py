@@ -79,10 +79,10 @@ def write(
     if detector:
         write_detector(detector, name, firmware.precision, out)
     kind, tilting = firmware.template, not firmware.has_margin
-    library = FILES['vectored' if tilting else 'exact']
+    problem, exact, single = firmware.problem, firmware.settings.exact, firmware.single
+    library = FILES[problem.program.kernel]
     _copy(KERNEL, [*library['headers'], *library['sources']], out)
     _copy(Path(__file__).with_name('templates'), FIXED, out)
-    problem, exact, single = firmware.problem, firmware.settings.exact, firmware.single
     measured = f'{name}_allocate{"_within" * (firmware.rates is not None)}'
     core = 'Cortex-M4F' if single else 'Cortex-M7'
     targets = {

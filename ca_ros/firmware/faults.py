@@ -34,7 +34,7 @@ class Fault:
     settings: ExactSettings = field(default_factory=ExactSettings)
 
     def __post_init__(self) -> None:
-        if self.report.vehicle.powerless or not self.problem.has_volume:
+        if self.report.vehicle.powerless or not self.problem.interior.has_volume:
             raise ParameterError(f'{self.meaning}: no axis is left that the rotors can control')
 
     @property

@@ -17,7 +17,6 @@ from ca_ros.kernel import extension
 from ca_ros.kernel.vectored import padded, structure
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import ParameterError
-from ca_ros.solver.convex_sets import Box
 from ca_ros.vehicle.vehicle import Vehicle
 
 MODULES = {'single': 'vectored_single', 'double': 'vectored'}
@@ -115,12 +114,15 @@ class TiltingFirmware(Firmware):
         return 0 if answer is None else answer[0], np.concatenate([speeds, angles])
 
 
+FIRMWARES = {'exact': Firmware, 'vectored': TiltingFirmware}
+"""By the name of the kernel that allocates."""
+
+
 def firmware_of(
     faults: Sequence[Fault], settings: AllocationSettings, precision: str
 ) -> Firmware:
     """Return the firmware of a vehicle, whether its rotors tilt or not; see `Firmware.make`."""
-    kind = Firmware if isinstance(faults[0].problem.sets, Box) else TiltingFirmware
-    return kind.make(faults, settings, precision)
+    return FIRMWARES[faults[0].problem.program.kernel].make(faults, settings, precision)
 
 
 def components(problem: AllocationProblem, settings: AllocationSettings) -> int:

@@ -16,7 +16,7 @@ from ca_ros.problem.prioritization import (
     groups_of,
 )
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.sets_prioritization import AnyPrioritization, prioritization_of
+from ca_ros.problem.sets_prioritization import PRIORITIZATIONS, AnyPrioritization
 from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.settings import Numbers, ParameterError
 from ca_ros.solver.polytope import Polytope, ordered
@@ -58,7 +58,7 @@ class AdmissibleSet:
     def reference(self) -> Array:
         """The problem's reference if it is inside the set, else the centre (m,) [N, N m]."""
         problem = self.problem
-        return problem.reference if problem.reference_inside else self.center
+        return problem.reference if problem.interior.has_reference else self.center
 
     @property
     def zonotope(self) -> Zonotope:
@@ -151,7 +151,8 @@ class AdmissibleSet:
         if scale_reference is not None:
             start = self.check_reference(scale_reference)
         everything = [list(range(len(self.problem.axes)))]
-        serve = prioritization_of(self.problem, everything, start, begin=start)
+        serve = PRIORITIZATIONS[self.problem.program.kernel](
+            self.problem, everything, start, begin=start)
         return self._serve(serve, u)[0]
 
     def prioritize(
@@ -222,7 +223,7 @@ class AdmissibleSet:
             axes = self.problem.axes
             groups = default_order(axes) if order is None else groups_of(order, axes)
             rows = [[axes.index(axis) for axis in group] for group in groups]
-            self._prioritizations[key] = prioritization_of(
+            self._prioritizations[key] = PRIORITIZATIONS[self.problem.program.kernel](
                 self.problem, rows, axis_reversal=axis_reversal, airmode_limit=limits
             )
         return self._prioritizations[key]

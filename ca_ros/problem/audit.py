@@ -52,12 +52,12 @@ class Audit:
     @property
     def hovers(self) -> bool:
         """Whether hover is inside the admissible set of `full`."""
-        return self.full.reference_inside
+        return self.full.interior.has_reference
 
     @property
     def keeps_hovering(self) -> bool:
         """Whether hover is inside the admissible set of `controllable`."""
-        return self.controllable.reference_inside
+        return self.controllable.interior.has_reference
 
     @property
     def lost(self) -> tuple[str, ...]:
@@ -244,22 +244,26 @@ class VehicleAudit(Audit):
         causes = '; '.join(cause.text for cause in self.causes)
         return f'{self.summary}; probably wrong: {causes}' if causes else self.summary
 
-    @cached_property
+    @property
     def warnings(self) -> tuple[str, ...]:
-        """What is probably a slip in the vehicle's file: `causes`, and more; it refuses none."""
-        found = [cause.text for cause in self.causes]
-        if angle := self._angle_of_facets():
-            found.append(
-                f'facets almost parallel, {angle:.1e} rad apart: near them small changes of the '
-                'wrench change rotor speeds much; if the vehicle is symmetric, use rotors.ring, '
-                'or write rotors.positions with nine digits'
-            )
-        return tuple(found)
+        """What is probably a slip in the vehicle's file: `causes` and `remarks`, in words."""
+        return (*(cause.text for cause in self.causes), *self.remarks)
+
+    @cached_property
+    def remarks(self) -> tuple[str, ...]:
+        """What may be a slip, but is no reason to refuse the vehicle."""
+        if not (angle := self._angle_of_facets()):
+            return ()
+        return (
+            f'facets almost parallel, {angle:.1e} rad apart: near them small changes of the '
+            'wrench change rotor speeds much; if the vehicle is symmetric, use rotors.ring, '
+            'or write rotors.positions with nine digits',
+        )
 
     def _angle_of_facets(self) -> float:
         """Return the greatest angle between facets that is in `ROUNDED` [rad]; 0 if none is."""
         problem = self.independent
-        if not problem.has_volume or problem.program.facet_choices > STATED_CHOICES_MAX:
+        if not problem.interior.has_volume or problem.program.facet_choices > STATED_CHOICES_MAX:
             return 0.0
         normals = facet_normals(unit_rows(problem))
         products = np.triu(normals @ normals.T, 1)
@@ -334,7 +338,7 @@ def audit(subject: Vehicle | AllocationProblem) -> Audit:
     full = problem_of(subject)
     independent = controllability.independent_part(full)
     holding = controllability.holding_part(independent)
-    if len(holding.axes) < len(full.axes) or not full.reference_inside:
+    if len(holding.axes) < len(full.axes) or not full.interior.has_reference:
         # The caller accepts or refuses the vehicle by this audit; allocators must not refuse it.
         independent = independent.dropping()
     kind: type[Audit] = VehicleAudit if isinstance(full, VehicleProblem) else Audit

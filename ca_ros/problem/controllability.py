@@ -84,27 +84,26 @@ def reference_margin(problem: AllocationProblem) -> float:
 
     It is -inf for a set without volume.
     """
-    if not problem.has_volume:
+    if not problem.interior.has_volume:
         return -np.inf
     return float(problem.attainable_set.margin(problem.reference))
 
 
 def independent_part(problem: Part) -> Part:
     """Return the problem without the axes that the effectors cannot control independently."""
-    return _part(problem, lambda part: part.independence >= INDEPENDENCE_MIN, _dependent)
+    return _part(problem, lambda part: part.interior.independence >= INDEPENDENCE_MIN, _dependent)
 
 
 def _dependent(problem: AllocationProblem, candidates: Sequence[str]) -> str:
     """Return the first candidate that the other axes determine; the first one if none is.
 
-    An axis that is independent of all others stays.  Thrust follows the candidates, but not that
-    of a vehicle, which hovers by it.
+    An axis that is independent of all others stays.  Other axes follow the candidates, but not
+    those that are `kept_axes` of the problem.
     """
     rows = unit_rows(problem)
-    if not isinstance(problem, VehicleProblem):
-        candidates = [*candidates, *(axis for axis in problem.axes if axis not in candidates)]
+    others = [axis for axis in problem.axes if axis not in (*candidates, *problem.kept_axes)]
     return next(
-        (axis for axis in candidates
+        (axis for axis in [*candidates, *others]
          if _distance(rows, problem.axes.index(axis)) < INDEPENDENCE_MIN), candidates[0])
 
 
@@ -114,11 +113,11 @@ def holding_part(problem: Part) -> Part:
     It is unchanged if no choice of axes allows it.
     """
     # No choice of axes lifts what the thrust alone does not.
-    if problem.reference_inside or (
-            'thrust' in problem.axes and not problem.part(('thrust',)).reference_inside):
+    if problem.interior.has_reference or (
+            'thrust' in problem.axes and not problem.part(('thrust',)).interior.has_reference):
         return problem
-    found = _part(problem, lambda part: part.reference_inside)
-    return found if found.reference_inside else problem
+    found = _part(problem, lambda part: part.interior.has_reference)
+    return found if found.interior.has_reference else problem
 
 
 def _part(
@@ -159,7 +158,7 @@ def spin_torque(full: VehicleProblem, kept: Sequence[str], thrusts: Array) -> fl
     with_yaw = full.part(axes)
     start = with_yaw.gamma @ thrusts
     yaw = np.where(np.array(axes) == 'yaw', start, 0.0)
-    if with_yaw.has_volume:
+    if with_yaw.interior.has_volume:
         yaw = yaw * (1.0 - with_yaw.reach(start, -yaw, 1.0))
     return float(yaw.sum()) if np.abs(yaw).max() > 1e-9 else 0.0
 

@@ -1,4 +1,4 @@
-"""Failures of effectors: what health and what sticks leave of their sets."""
+"""Failures of effectors: what health and what sticks leave of their bounds."""
 
 from collections.abc import Mapping, Sequence
 
@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError
-from ca_ros.solver.convex_sets import Box, ConvexSets
+from ca_ros.solver.convex_sets import Box
 from ca_ros.vehicle.motors import HEALTH_MIN
 from ca_ros.vehicle.validation import numbers
 
@@ -25,11 +25,10 @@ def shares_of(health: ArrayLike, count: int) -> Array:
     return np.where(shares < HEALTH_MIN, 0.0, shares)
 
 
-def sets_after(
-    sets: Box | ConvexSets, shares: Array, stuck: Mapping[int, float], resting: Array,
-    names: Sequence[str],
-) -> Box | ConvexSets:
-    """Return the sets of effectors after failures: those without effect rest, and some stick.
+def bounds_after(
+    sets: Box, shares: Array, stuck: Mapping[int, float], resting: Array, names: Sequence[str]
+) -> Box:
+    """Return the bounds of effectors after failures: those without effect rest, and some stick.
 
     - `shares`: see `shares_of`
     - `stuck`: by effector, from 1, the value at which it stays
@@ -37,13 +36,6 @@ def sets_after(
 
     Raises a ParameterError if an effector cannot stick there.
     """
-    if not isinstance(sets, Box):
-        if stuck:
-            raise ParameterError(
-                'stuck: effectors that are vectors in sets cannot stick; give the matrix and the '
-                'sets that are left'
-            )
-        return sets
     lower, upper = sets.lower.copy(), sets.upper.copy()
     if not isinstance(stuck, Mapping):
         what = 'expected values by effector, such as {4: 0.1}'

@@ -11,8 +11,9 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
+from ca_ros.problem.interior import INSIDE
 from ca_ros.problem.limits import Limits, limits_within
-from ca_ros.problem.problem import INSIDE, AllocationProblem
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.settings import Numbers, ParameterError, Settings, setting
 from ca_ros.solver.least_norm_qp import AIM, sum_rounding
 from ca_ros.solver.lexicographic_lp import ZERO, Simplex

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray, IntArray, constant, floats
-from ca_ros.problem.failures import sets_after, shares_of
+from ca_ros.problem.failures import shares_of
 from ca_ros.problem.files import read_problem
+from ca_ros.problem.interior import Interior
 from ca_ros.problem.programs import (
     EXACT_TOLERANCE,
     BoxProgram,
@@ -28,13 +29,12 @@ from ca_ros.problem.supported_set import SupportedSet
 from ca_ros.settings import Numbers, ParameterError
 from ca_ros.solver.convex_sets import Box, ConvexSet, ConvexSets
 from ca_ros.solver.least_norm_qp import meets
-from ca_ros.solver.zonotope import Zonotope, decomposition
+from ca_ros.solver.zonotope import Zonotope
 from ca_ros.vehicle.fields import EFFECTORS_MAX
 from ca_ros.vehicle.files import shipped_problems
 from ca_ros.vehicle.validation import ABSURD, different_names, numbers, ordered_bounds, repeated
 
 UNITS_MIN = 1e-6  # least range of an axis, also over the greatest, to judge errors
-INSIDE = 0.99  # greatest share of the way to the boundary at which a line may begin
 
 INSTEAD = {
     **dict.fromkeys(('bounds', 'limits'), 'lower and upper'), 'min': 'lower', 'max': 'upper',
@@ -135,6 +135,8 @@ class AllocationProblem:
     """What the error of a set without volume recommends."""
     left_out = ''
     """What the error of a wrong number of axes says of those that are left out."""
+    kept_axes: tuple[str, ...] = ()
+    """Axes that no audit gives up."""
     subject, aim = 'problem', 'the reference'
     """What it is called in messages, and what its reference is."""
 
@@ -241,6 +243,11 @@ class AllocationProblem:
         """The programs over the sets."""
         return program_of(self.gamma, self.sets, self.center, self.extent)
 
+    @cached_property
+    def interior(self) -> Interior:
+        """The inside of the admissible set, with the reference."""
+        return Interior(self.program, self.reference)
+
     @property
     def box(self) -> BoxProgram:
         """The programs over numbers within bounds; a TypeError if effectors are vectors."""
@@ -339,7 +346,8 @@ class AllocationProblem:
         stuck = self._stuck if stuck is None else stuck
         if (shares == 1.0).all() and not stuck:
             return sound
-        sets = sets_after(sound.sets, shares, stuck, sound.resting_thrusts, sound.effector_names)
+        sets = sound.program.sets_after(
+            shares, stuck, sound.resting_thrusts, sound.effector_names)
         made = sound._copy()
         made._fill(sound.gamma * shares[sets.owners], sets, sound.reference)
         made._sound, made._stuck, made.health = sound, dict(stuck), constant(shares)
@@ -372,53 +380,6 @@ class AllocationProblem:
         """
         self.check_volume()
         return self.program.reach(start, direction, limit)
-
-    @cached_property
-    def reference_inside(self) -> bool:
-        """Whether the reference is inside the admissible set, not on its boundary."""
-        begin = self.gamma @ self.middle
-        way = self.reference - begin
-        beyond = 1.0 + self.program.reference_rounding
-        # Most references are inside or outside by far, which is cheaper to see.
-        outside = np.abs(begin + beyond * way - self.center) >= self.extent
-        if outside.any() or self._decomposition is None:
-            return False
-        # Of one axis, the range is the set.
-        if len(way) == 1 or self.reference_central:
-            return True
-        # A plane that the set does not cross is cheaper than the way to the boundary: that of the
-        # multipliers of the least shares of the half ranges.
-        sizes, left, singular, _ = self._decomposition
-        normal = left @ (way / sizes @ left / singular**2) / sizes
-        most = float(self.sets.support(normal @ self.gamma) - normal @ begin)
-        return bool(beyond * (normal @ way) < most) and self.reach(begin, way, 2.0) > beyond
-
-    @property
-    def independence(self) -> float:
-        """The least sine of the angle between an axis and the span of the others; 0 if dependent.
-
-        An axis is its row of the matrix, with columns weighted by the ranges of the effectors.
-        """
-        if self._decomposition is None:
-            return 0.0
-        _, left, singular, _ = self._decomposition
-        # The columns of the pseudo-inverse have the inverse of the distance as length.
-        rows, inverse = np.square(left * singular), np.square(left / singular)
-        return float((rows.sum(axis=1) * inverse.sum(axis=1)).max() ** -0.5)
-
-    @cached_property
-    def reference_central(self) -> bool:
-        """Whether the reference is for sure at most `INSIDE` of the way to the boundary.
-
-        It is if the least shares of the half ranges that lead there are within the bounds.
-        """
-        if self._decomposition is None:
-            return False
-        # Singular values are greater than 1e-9, so rounding changes less than 1e-3 of the way.
-        sizes, left, singular, right = self._decomposition
-        way = (self.reference - self.gamma @ self.middle) / INSIDE
-        thrusts = self.middle + self.half_range * ((way / sizes @ left / singular) @ right)
-        return bool((self.clip(thrusts) == thrusts).all())
 
     @property
     def matrix(self) -> Array:
@@ -488,18 +449,9 @@ class AllocationProblem:
         """Return the problem in one line."""
         return f'{type(self).__name__}: {self.described}'
 
-    @cached_property
-    def has_volume(self) -> bool:
-        """Whether the admissible set has a volume."""
-        return self._decomposition is not None
-
-    @cached_property
-    def _decomposition(self) -> tuple[Array, Array, Array, Array] | None:
-        return decomposition(self.gamma * self.half_range)
-
     def check_volume(self) -> None:
         """Raise a ValueError if the admissible set has no volume."""
-        if not self.has_volume:
+        if not self.interior.has_volume:
             raise ValueError(
                 f'the admissible set has no volume: the {self.effector_kind} cannot control '
                 f'{", ".join(self.axes)} independently{self.advice}'

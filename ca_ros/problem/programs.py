@@ -4,6 +4,7 @@ Both classes have the same methods, for a matrix (m, n), its sets, and the middl
 range of each axis, `center` and `extent` (m,).
 """
 
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from math import comb
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.kernel.vectored import sets_newton
+from ca_ros.problem.failures import bounds_after
 from ca_ros.problem.supported_set import SupportedSet
 from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import Box, ConvexSets
@@ -45,8 +47,10 @@ class BoxProgram:
     `served_rounding`: miss of an axis, as a share of half of its range, that counts as none.
     `reference_rounding`: share of the way to the reference that it has to be away from the
     boundary to be inside.
+    `kernel`: the name of the kernel in C that allocates.
     """
 
+    kernel = 'exact'
     served_rounding, reference_rounding = 1e-9, 1e-12
 
     def __init__(self, matrix: Array, sets: Box, center: Array, extent: Array) -> None:
@@ -116,10 +120,17 @@ class BoxProgram:
     def refuse_vectors(self, taker: str, others: str) -> None:
         """Do nothing: the effectors are numbers, which each `taker` takes."""
 
+    def sets_after(
+        self, shares: Array, stuck: Mapping[int, float], resting: Array, names: Sequence[str]
+    ) -> Box:
+        """Return the bounds after failures; see `bounds_after`."""
+        return bounds_after(self.sets, shares, stuck, resting, names)
+
 
 class SetsProgram:
     """The same over effectors that are vectors in convex sets."""
 
+    kernel = 'vectored'
     served_rounding, reference_rounding = 1e-6, 1e-9
     facet_choices = SEARCHED
 
@@ -176,6 +187,17 @@ class SetsProgram:
             f'{taker} takes effectors that are numbers within bounds, not vectors in sets such as '
             f'rotors that tilt: {others}'
         )
+
+    def sets_after(
+        self, shares: Array, stuck: Mapping[int, float], resting: Array, names: Sequence[str]
+    ) -> ConvexSets:
+        """Return the sets after failures: the same; raise a ParameterError if effectors stick."""
+        if stuck:
+            raise ParameterError(
+                'stuck: effectors that are vectors in sets cannot stick; give the matrix and the '
+                'sets that are left'
+            )
+        return self.sets
 
 
 def program_of(

@@ -11,6 +11,7 @@ import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.kernel.vectored import priorities, sets_newton
+from ca_ros.problem.interior import INSIDE
 from ca_ros.problem.limits import Limits
 from ca_ros.problem.prioritization import (
     AIRMODE,
@@ -21,10 +22,10 @@ from ca_ros.problem.prioritization import (
     Served,
     sensed,
 )
-from ca_ros.problem.problem import INSIDE, AllocationProblem
+from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.sets_limits import limits_of_vectors
 from ca_ros.settings import ParameterError
-from ca_ros.solver.convex_sets import Box, ConvexSets, Interval
+from ca_ros.solver.convex_sets import ConvexSets, Interval
 from ca_ros.solver.faces import LEVEL, face, independent, whole
 from ca_ros.solver.least_norm_over_sets import SetsNewton
 
@@ -46,15 +47,17 @@ class SetsPrioritization:
     the greatest product with its normal can serve as much.  They are a face of the sets, and the
     later steps use this face alone, so they take nothing from the step.
 
-    `groups`, `reference`, `axis_reversal` and `begin`: as in `Prioritization`.  `solver`: has
-    weights and preferred vectors.
+    `groups`, `reference`, `axis_reversal` and `begin`: as in `Prioritization`, whose
+    `airmode_limit` is refused: a ParameterError.  `solver`: has weights and preferred vectors.
     """
 
     def __init__(
         self, problem: AllocationProblem, groups: Sequence[Sequence[int]],
         reference: Array | None = None, axis_reversal: str = AXIS_REVERSAL,
-        begin: Array | None = None, solver: SetsNewton | None = None,
+        begin: Array | None = None, airmode_limit: Sequence[float] = AIRMODE,
+        solver: SetsNewton | None = None,
     ) -> None:
+        refuse_limits(airmode_limit)
         program: Any = problem.program
         self.problem, self.solver = problem, solver or program.least_norm
         self.groups = [list(group) for group in groups]
@@ -64,7 +67,7 @@ class SetsPrioritization:
         middle = problem.gamma[first] @ problem.middle
         goal = (self.reference if begin is None else begin)[first]
         usual = bool((self.reference == problem.reference).all())
-        if usual and begin is None and problem.reference_central:
+        if usual and begin is None and problem.interior.has_reference_near_middle:
             share = 1.0
         else:
             reached = sets_newton(problem.gamma[first], self.solver.sets).line(
@@ -73,7 +76,7 @@ class SetsPrioritization:
         self.begin = goal if share > 1.0 - 1e-9 else middle + share * (goal - middle)
         keeps = [problem.axes.index(axis) for axis in sensed(named, axis_reversal)]
         self.senses: list[int] = []
-        if not usual or not problem.reference_inside:
+        if not usual or not problem.interior.has_reference:
             served = problem.gamma @ self._answer(self.reference, self.solver)[0]
             off = np.abs(served - self.reference) / problem.extent
             keeps = [row for row in keeps if off[row] <= 10.0 * PRIORITY_TOLERANCE]
@@ -343,20 +346,9 @@ class _Run:
 
 AnyPrioritization = Prioritization | SetsPrioritization
 
-
-def prioritization_of(
-    problem: AllocationProblem, groups: Sequence[Sequence[int]], reference: Array | None = None,
-    axis_reversal: str = AXIS_REVERSAL, begin: Array | None = None,
-    airmode_limit: Sequence[float] = AIRMODE,
-) -> AnyPrioritization:
-    """Return the prioritization of a problem; see `Prioritization` for the arguments.
-
-    Raises a ParameterError if airmode is limited for effectors that are vectors.
-    """
-    if isinstance(problem.sets, Box):
-        return Prioritization(problem, groups, reference, axis_reversal, begin, airmode_limit)
-    refuse_limits(airmode_limit)
-    return SetsPrioritization(problem, groups, reference, axis_reversal, begin)
+PRIORITIZATIONS: dict[str, type[AnyPrioritization]] = {
+    'exact': Prioritization, 'vectored': SetsPrioritization}
+"""By the name of the kernel that allocates: `BoxProgram.kernel`."""
 
 
 def refuse_limits(airmode_limit: Sequence[float]) -> None:

@@ -46,6 +46,7 @@ class VehicleProblem(AllocationProblem):
     effector_kind = 'rotors'
     unit = ' N'
     advice = ' (see ca_ros.audit)'
+    kept_axes = ('thrust',)
     subject, aim = 'vehicle', 'hover'
 
     def __init__(
@@ -153,7 +154,7 @@ class VehicleProblem(AllocationProblem):
     @property
     def hovers(self) -> bool:
         """Whether hover is inside the admissible set, not on its boundary."""
-        return self.reference_inside
+        return self.interior.has_reference
 
     def forces(self, thrusts: Array) -> Array:
         """Return the force (n, 3) of each rotor in the body frame for components (n,) [N]."""
@@ -177,7 +178,7 @@ class VehicleProblem(AllocationProblem):
         idle = np.einsum('ij,ij->i', forces, forces) <= self._idle
         if idle.any():
             cheapest = np.zeros_like(forces)
-            if self.turned is not None and self.has_volume:
+            if self.turned is not None and self.interior.has_volume:
                 slopes, _ = self.program.dual((thrusts @ self.gamma.T)[None])
                 cheapest = self.forces(slopes[0] @ self.gamma)
             for i in np.flatnonzero(idle).tolist():

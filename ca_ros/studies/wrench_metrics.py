@@ -7,7 +7,6 @@ import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import VehicleProblem
 
 NOTED = 0.01  # share of half an axis's range from which reversal or excess counts
 STEPS, STEP = 1000, 0.3  # of `least_energy`, and the weight of a step's energy
@@ -87,21 +86,24 @@ def least_energy(problem: AllocationProblem, served: Array) -> Array:
 def metrics(problem: AllocationProblem, demands: Array, thrusts: Array) -> dict[str, Any]:
     """Return the metrics of thrusts (N, n) that answer demands (N, m), by name.
 
-    ``reversed`` and ``exceeded`` are the shares of the wrenches with such an axis; for a vehicle
-    there are also ``energy``, its mean [N^1.5], and ``energy_excess``, relative to the least
-    energy that gives the same wrenches.
+    ``reversed`` and ``exceeded`` are the shares of the wrenches with such an axis.
     """
     served = demands - problem.residual(demands, thrusts)
-    found: dict[str, Any] = {
+    return {
         'reversed': float(reversed_axes(problem, demands, served).any(axis=1).mean()),
         'exceeded': float(exceeded_axes(problem, demands, served).any(axis=1).mean()),
         'lost': lost(problem, demands, served),
     }
-    if isinstance(problem, VehicleProblem):
-        spent = energy(thrusts)
-        found['energy'] = float(spent.mean())
-        found['energy_excess'] = float(spent.sum() / least_energy(problem, served).sum() - 1.0)
-    return found
+
+
+def energies(problem: AllocationProblem, demands: Array, thrusts: Array) -> dict[str, float]:
+    """Return the mean `energy` of thrusts (N, n) [N^1.5], and its excess, by name.
+
+    The excess is relative to the least energy that gives the same wrenches.
+    """
+    spent, served = energy(thrusts), demands - problem.residual(demands, thrusts)
+    excess = spent.sum() / least_energy(problem, served).sum() - 1.0
+    return {'energy': float(spent.mean()), 'energy_excess': float(excess)}
 
 
 def cells(own: Mapping[str, Any]) -> dict[str, str]:

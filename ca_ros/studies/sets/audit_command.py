@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
     print(f'{options.vehicle}: {vehicle.mass:.3g} kg on {rotors}\n\n{table(vehicle)}')
     # The error of a vehicle that is refused has the causes.
     refused = vehicle.lost_axes == 'refuse' and not report.sound
-    warnings = report.warnings[len(report.causes) * refused:]
+    warnings = report.remarks if refused else report.warnings
     for line in [*remains(report, options.vehicle), *(f'warning: {w}' for w in warnings)]:
         print(line)
     accept(vehicle)
@@ -78,7 +78,7 @@ def as_json(name: str, report: VehicleAudit) -> dict[str, Any]:
         'causes': [
             {'kind': each.kind, 'rotors': each.rotors, 'text': each.text}
             for each in report.causes],
-        'warnings': report.warnings[len(report.causes):]}
+        'warnings': report.remarks}
 
 
 def remains(report: VehicleAudit, file: str) -> list[str]:

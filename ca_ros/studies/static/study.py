@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ca_ros.allocation import AllocationProblem, Allocator
+from ca_ros.allocation import Allocator
 from ca_ros.arguments import natural, positive, split
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.studies.cases import Case
@@ -20,7 +20,7 @@ from ca_ros.studies.static.chunks import StaticChunks, Summary, merged
 from ca_ros.studies.static.plots import draw
 from ca_ros.studies.static.tables import document, standard_error
 from ca_ros.studies.study_cli import called, case_of, concluded, parser
-from ca_ros.studies.wrench_metrics import metrics
+from ca_ros.studies.wrench_metrics import energies, metrics
 from ca_ros.studies.wrench_sets import SAMPLINGS
 
 SINGLE_MAX = 10_000  # up to this number of samples each call is timed; of more samples, each batch
@@ -117,7 +117,7 @@ def _write(
         'timing': f'batches of {BATCH}' if options.samples > SINGLE_MAX else 'single calls',
         **facts(case, 'static_study', options),
         'methods': {
-            name: _metrics(own, samples, rows[rows['method'] == name][:KEPT], case.problem)
+            name: _metrics(own, samples, rows[rows['method'] == name][:KEPT], case)
             for name, own in methods.items()
         },
         'left_out': case.left_out,
@@ -133,11 +133,10 @@ def _write(
     return kept, text
 
 
-def _metrics(
-    own: Summary, samples: int, rows: pd.DataFrame, problem: AllocationProblem
-) -> dict[str, Any]:
+def _metrics(own: Summary, samples: int, rows: pd.DataFrame, case: Case) -> dict[str, Any]:
     """Return the metrics of a method from its summary and its first rows."""
     violations, worst, time = own['violations'], own['violation_max'], np.array(own['time'])
+    problem = case.problem
     demands = rows[columns(problem)].to_numpy()
     thrusts = rows.filter(regex=r'^f_\d+$').to_numpy()
     return {
@@ -155,4 +154,5 @@ def _metrics(
         },
         'status': own['status'],
         **metrics(problem, demands, thrusts),
+        **(energies(problem, demands, thrusts) if case.flies else {}),
     }
