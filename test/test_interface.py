@@ -459,6 +459,8 @@ def test_user_code_runs_and_audits_say_what_they_are():
     (lambda: make_allocator('exact', Vehicle.load('quadrotor').fail(1), lost_axes='drop').allocate(
         [9.81, 0.0, 0.0, 0.0]), 'fail and with_health of an allocator made before keep them'),
     (lambda: Exact(HEXAROTOR).fail(7), 'no 7 of rotors: they count from 1 to 6'),
+    (lambda: Vehicle.from_text(''), "expected a ROS parameter file: '/**:'"),
+    (lambda: Vehicle.from_text(None), 'expected the text of a parameter file, got None'),
     (lambda: Vehicle(Ixx=1.0), 'Ixx: no such keyword; give inertia=[Ixx, Iyy, Izz]')])
 def test_what_a_stranger_guesses_is_answered(guess, words):
     with pytest.raises((TypeError, ValueError), match=re.escape(words)):

@@ -271,7 +271,12 @@ class Own(PseudoInverse):
         if u[0] == 0.0:
             raise ZeroDivisionError('no thrust')
         if u[0] < 1e3:
-            return super()._allocate(u)
+            answer = super()._allocate(u)
+            return Allocation(self.problem, u, answer.thrusts, answer.status.name)
+        if u[0] == 3e4:
+            return Allocation(self.problem, u[:2], np.ones(6), Status.INEXACT)
+        if u[0] == 4e4:
+            return Allocation(self.problem, u, np.ones(6), 'FINE')
         return None if u[0] == 1e4 else Allocation(self.problem, u, np.full(6, 1.0j), Status.EXACT)
 """
 
@@ -283,8 +288,8 @@ def test_a_fault_of_a_method_costs_one_command_and_a_refused_change_none(graph, 
         cwd=tmp_path)
     client = AllocatorClient(graph)
     client.twin = twin('pseudo_inverse')
-    # Also if the method answers no command at all, or not with an allocation.
-    for thrust in (0.0, 1e4, 2e4):
+    # Also if the method answers no command at all, or not with a sound allocation.
+    for thrust in (0.0, 1e4, 2e4, 3e4, 4e4):
         failing = graph.node.create_timer(0.01, lambda thrust=thrust: client.command.publish(
             wrench(thrust)))
         graph.spin_until(

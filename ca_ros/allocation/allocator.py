@@ -302,7 +302,7 @@ class Allocator(ABC):
     def _allocate_batch(self, demands: Array) -> AllocationBatch:
         answers = [self._allocate(u) for u in demands]
         thrusts = np.array([a.thrusts for a in answers]).reshape(len(demands), self.problem.n)
-        status = np.array([a.status for a in answers], dtype=np.int8)
+        status = np.array([Status(a.status) for a in answers], dtype=np.int8)
         level, violation = (
             np.array([getattr(a, name) for a in answers], dtype=float)
             for name in ('level', 'violation')

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.util import find_spec
 from math import ceil, inf
 from time import monotonic, perf_counter, perf_counter_ns, sleep
@@ -35,6 +36,20 @@ ACKNOWLEDGED_MAX = 2.0  # longest wait for the motors to acknowledge the last co
 LATENCIES = 5000  # number of latest latencies that the percentiles cover
 LOST = -2  # saturation of a lost rotor; one at its lower bound has -1
 REPEATS = 5  # repeats of the last command, since best-effort delivery is not acknowledged
+
+
+def checked(answer: Any, u: list[float]) -> Allocation:
+    """Return an answer to a wrench, with a `Status`; raise a TypeError or ValueError otherwise.
+
+    A method may be anybody's, and all that the node says later is of this answer.
+    """
+    if not isinstance(answer, Allocation) or answer.thrusts.dtype.kind not in 'iuf':
+        raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
+    if len(answer.demand) != len(u):
+        raise ValueError(f'expected the demand {u}, got {answer.demand}')
+    if type(answer.status) is not Status:
+        answer = replace(answer, status=Status(answer.status))
+    return answer
 
 
 class AllocatorNode(Node):
@@ -235,12 +250,9 @@ class AllocatorNode(Node):
         try:
             u = [wrench[row] for row in effectors.rows]
             last, elapsed = mode.previous(self._last, moment, effectors.idle)
-            answer = effectors.within_rates.allocate(u, last, elapsed, 0)
-            if not isinstance(answer, Allocation) or answer.thrusts.dtype.kind not in 'iuf':
-                raise TypeError(f'expected an Allocation with real thrusts, got {answer!r}')
-            status = Status(answer.status)
+            answer = checked(effectors.within_rates.allocate(u, last, elapsed, 0), u)
             # Speeds out of bounds never reach the motors, even if a method returns them.
-            found = answer.command
+            found, status = answer.command, answer.status
         except Exception:
             # A method may be anybody's, and one command must not end a flight.
             self.diagnostics.drop('answer', f'a fault of the method: {format_exc().rstrip()}')

@@ -205,9 +205,10 @@ class Vehicle(Motors):
 
     @classmethod
     def from_text(cls, text: str) -> Vehicle:
-        """Build a vehicle from the text of a parameter file with one section."""
-        [content] = files.read_yaml(text).values()
-        return cls.from_parameters(content['ros__parameters'])
+        """Build a vehicle from the text of a parameter file; see `load`."""
+        if not isinstance(text, str):
+            raise TypeError(f'expected the text of a parameter file, got {text!r}')
+        return cls.from_parameters(files.parameters_in(files.read_yaml(text)))
 
     @classmethod
     def from_parameters(cls, given: Mapping[str, Any]) -> Vehicle:
