@@ -111,6 +111,8 @@ EVERY_EFFECT = {
     'simulator.velocity_bias': 1e-3,
     'simulator.attitude_bias': [1e-3, 0.0, 0.0],
     'simulator.angular_velocity_bias': 1e-3,
+    'simulator.specific_force_bias': [0.1, 0.0, -0.1],
+    'simulator.vibration': 2.0,
 }
 """Parameters of the plant, none at its default; the vehicle flies all the same."""
 

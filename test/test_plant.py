@@ -305,8 +305,9 @@ def test_the_seed_decides_every_bit():
 def test_every_parameter_has_an_effect():
     def moved(given):
         settings = read(PlantSettings, given, 'simulator.')
-        flown = Plant(body_of(HEXAROTOR, settings), settings)
-        return np.array([flown.step(1.3 * HOVER) for _ in range(20)])
+        imu = ImuSettings(imu_position=[0.0, 0.0, 0.0])
+        flown = Plant(body_of(HEXAROTOR, settings), settings, imu=imu)
+        return [[*flown.step(1.3 * HOVER), *flown.specific_force] for _ in range(20)]
 
     every = moved(EVERY_EFFECT)
     for name, parameter in table(PlantSettings, 'simulator.').items():
@@ -314,7 +315,7 @@ def test_every_parameter_has_an_effect():
         # A stopped rotor differs from one that turns only after a loss; servos tilt rotors.
         if name in ('simulator.time_step', 'simulator.lost_rotors') or 'servo' in name:
             continue
-        assert np.any(moved({**EVERY_EFFECT, name: without}) != every), name
+        assert moved({**EVERY_EFFECT, name: without}) != every, name
 
 
 def test_the_initial_state_is_that_of_the_parameters():
@@ -363,3 +364,38 @@ def test_an_accelerometer_is_as_late_as_the_state_and_changes_no_bit_of_a_flight
     late = Plant(RigidBody(HEXAROTOR), PlantSettings(state_delay=0.02), imu=imu)
     up = [late.specific_force[2] for _ in range(5) if late.step(1.5 * HOVER) is not None]
     np.testing.assert_allclose(up, 9.81 * np.array([1.0, 1.0, 2.25, 2.25, 2.25]), atol=2.0)
+
+
+def test_vibration_has_the_frequencies_of_the_rotors_and_is_aliased():
+    """Rotors of 2 pi 103 rad/s, sampled at 100 Hz, shake at 3 Hz, their blades at 6 Hz."""
+    settings = PlantSettings(vibration=3.0, specific_force_bias=[0.1, 0.2, -0.3])
+    imu = ImuSettings(imu_position=[0.0, 0.0, 0.0], specific_force_noise=1e-9)
+    speed = 2.0 * np.pi * 103.0
+    vehicle = replace(HEXAROTOR, speed_max=np.full(6, 2.0 * speed))
+    flown = Plant(RigidBody(vehicle), settings, imu=imu)
+    flown.step(np.full(6, speed))
+    turned = []
+    for _ in range(100):
+        before = flown.state
+        flown.step(np.full(6, speed))
+        felt = (flown.state - before)[VELOCITY] / 0.01 + [0.0, 0.0, 9.81]
+        turned.append(flown.specific_force - felt)
+    spectrum = np.abs(np.fft.rfft(turned, axis=0)) / 100.0
+    np.testing.assert_allclose(np.mean(turned, axis=0), [0.1, 0.2, -0.3], atol=1e-6)
+    np.testing.assert_allclose(np.delete(spectrum, [0, 3, 6], axis=0), 0.0, atol=1e-6)
+    assert min(spectrum[3, 0], spectrum[6, 2]) > 1e-3
+    # The unbalance turns about z.
+    np.testing.assert_allclose(spectrum[3, 0], spectrum[3, 1], rtol=1e-6)
+    np.testing.assert_allclose([*spectrum[6, :2], spectrum[3, 2]], 0.0, atol=1e-6)
+
+
+def test_vibration_is_as_strong_as_a_sine_of_its_amplitude():
+    imu = ImuSettings(imu_position=[0.0, 0.0, 0.0], specific_force_noise=1e-9)
+    vehicle = replace(HEXAROTOR, speed_max=HOVER)
+    felt = []
+    for seed in range(300):
+        flown = Plant(RigidBody(vehicle), PlantSettings(vibration=3.0, seed=seed), imu=imu)
+        flown.step(HOVER)
+        felt.append(flown.specific_force - [0.0, 0.0, 9.81])
+    # The variance of a sine is half of its squared amplitude, 4.5; 300 samples give it to 8 %.
+    np.testing.assert_allclose(np.mean(np.square(felt), axis=0), 4.5, rtol=0.3)

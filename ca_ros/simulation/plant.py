@@ -87,7 +87,7 @@ class Plant:
         if self._grounded and self.state[POSITION][2] < 0.0:
             at = f'z = {self.state[2]:g} m'
             raise ParameterError(f'simulator.ground: the vehicle starts below it, at {at}')
-        gusts, noise, vibration = np.random.default_rng(settings.seed).spawn(3)
+        gusts, noise, shaken = np.random.default_rng(settings.seed).spawn(3)
         wind = triple(settings.wind), triple(settings.gust_intensity), GUST_TIME
         self._wind = Wind(*wind, gusts)
         windy = self._wind.mean.any() or self._wind.intensity.any()
@@ -113,7 +113,8 @@ class Plant:
         if imu is not None and imu.has_imu:
             place, gravity = triple(imu.imu_position), body.vehicle.gravity
             self._accelerometer = Accelerometer(
-                place, imu.specific_force_noise, gravity, vibration)
+                place, imu.specific_force_noise, gravity, shaken,
+                triple(settings.specific_force_bias), settings.vibration, body.vehicle.n)
         self.measure()
 
     def restarted(self, state: Array | None = None) -> Plant:
@@ -192,7 +193,9 @@ class Plant:
         """Measure the state with new noise, as each step does; return the measured state (13,)."""
         self.measured = self._sensors(self._late[-1])
         if self._accelerometer is not None:
-            self.specific_force = self._accelerometer(self._late, self._sub_step)
+            vehicle = self.body.vehicle
+            self.specific_force = self._accelerometer(
+                self._late, self._sub_step, self.speeds[:vehicle.n], vehicle.speed_max)
         return self.measured
 
 

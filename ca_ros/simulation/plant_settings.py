@@ -106,6 +106,11 @@ class PlantSettings(Settings):
     attitude_bias: Numbers = setting(0.0, f'{_BIAS} {_ATTITUDE}', unit='rad', sizes=XYZ)
     angular_velocity_bias: Numbers = setting(
         0.0, f'{_BIAS} {_ANGULAR_VELOCITY}', unit='rad/s', sizes=XYZ)
+    specific_force_bias: Numbers = setting(
+        0.0, f'{_BIAS} specific force, x, y, z in the body frame', unit='m/s^2', sizes=XYZ)
+    vibration: float = setting(
+        0.0, 'amplitude of the vibration in the specific force at full speed of all rotors, at '
+        'their frequencies; it grows with squared speed', unit='m/s^2', minimum=0.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()

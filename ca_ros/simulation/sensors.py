@@ -37,19 +37,33 @@ class Sensors:
 
 
 class Accelerometer:
-    """The mean specific force over the last sub-steps, with white Gaussian noise.
+    """The mean specific force over the last sub-steps, with bias, noise and vibration.
 
-    `place` (3,): from the centre of mass [m].  `noise`: standard deviation [m/s^2].
+    Each rotor has an unbalance, a force that turns with it, and blades, which pass twice a turn.
+    The vibration is taken at one instant, so what is faster than the samples is aliased.
+
+    `place` (3,): from the centre of mass [m].  `noise`: standard deviation of the white Gaussian
+    noise [m/s^2].  `bias` (3,) [m/s^2].  `vibration`: on each axis as strong as a sine of this
+    amplitude [m/s^2] where all `n` rotors turn at full speed.
     """
 
     def __init__(
-        self, place: Array, noise: float, gravity: float, rng: np.random.Generator
+        self, place: Array, noise: float, gravity: float, rng: np.random.Generator,
+        bias: Array, vibration: float, n: int,
     ) -> None:
         self._place, self._noise, self._rng = place, noise, rng
-        self._gravity = np.array([0.0, 0.0, gravity])
+        self._gravity, self._bias = np.array([0.0, 0.0, gravity]), bias
+        self._amplitude = vibration / np.sqrt(n)  # of each rotor: their phases are random
+        self._phases = 2.0 * np.pi * rng.random(n) if vibration else np.zeros(n)
 
-    def __call__(self, states: Sequence[Array], step: float) -> Array:
-        """Return a measurement (3,) of states (13,) that are a sub-step [s] apart."""
+    def __call__(
+        self, states: Sequence[Array], step: float, speeds: Array, fastest: Array
+    ) -> Array:
+        """Return a measurement (3,) of states (13,) that are a sub-step [s] apart.
+
+        - `speeds` (n,): of the rotors since the last measurement [rad/s]
+        - `fastest` (n,): full speed [rad/s]
+        """
         total = np.zeros(3)
         for before, after in pairwise(states):
             change = (after - before) / step
@@ -57,8 +71,12 @@ class Accelerometer:
             felt = rotation_matrix(before[ATTITUDE]).T @ (change[VELOCITY] + self._gravity)
             total += felt + cross(change[ANGULAR_VELOCITY], place)
             total += cross(omega, cross(omega, place))
-        noise = self._noise * self._rng.standard_normal(3)
-        return np.asarray(total / (len(states) - 1) + noise)
+        error = self._bias + self._noise * self._rng.standard_normal(3)
+        if self._amplitude:
+            self._phases = self._phases + (len(states) - 1) * step * speeds
+            x, y, z = np.cos(self._phases), np.sin(self._phases), np.cos(2.0 * self._phases)
+            error += self._amplitude * np.array([x, y, z]) @ (speeds / fastest)**2
+        return np.asarray(total / (len(states) - 1) + error)
 
 
 def turn(quaternion: Array, rotation: Array) -> Array:
