@@ -56,13 +56,11 @@ FORMATS: dict[str, dict[str, None]] = {
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for the formats and the width of figures."""
-    kinds = f'formats of the figures: {", ".join(FORMATS)}; or none'
-    parser.add_argument('--figures', type=formats, default='png', metavar='A,B', help=kinds)
+    parser.add_argument('--figures', type=formats, default='png', metavar='A,B',
+        help=f'formats of the figures: {", ".join(FORMATS)}; or none')
     named = ' or '.join(f'{name} ({width:g} mm)' for name, width in WIDTHS.items())
-    width = f'{named} as for IEEE, or a number of millimetres'
-    parser.add_argument(
-        '--figure-width', type=millimetres, default='page', metavar='WIDTH', help=width
-    )
+    parser.add_argument('--figure-width', type=millimetres, default='page', metavar='WIDTH',
+        help=f'{named} as for IEEE, or a number of millimetres')
 
 
 def formats(text: str) -> tuple[str, ...]:

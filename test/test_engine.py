@@ -13,7 +13,7 @@ import pytest
 
 from ca_ros.errors import CaRosError
 from ca_ros.studies import engine, result_files
-from ca_ros.studies.engine import code, compute
+from ca_ros.studies.engine import compute, deciding_versions
 from ca_ros.studies.static import study
 from ca_ros.studies.static.study import main
 
@@ -103,20 +103,20 @@ def test_a_killed_worker_process_is_reported(tmp_path):
 
 def test_a_worker_with_other_code_is_refused():
     with pytest.raises(CaRosError, match='another version of numpy than this process'):
-        engine.call(b'', {**code(), 'numpy': '0'}, 0)
+        engine.compute_chunk(b'', {**deciding_versions(), 'numpy': '0'}, 0)
 
 
 def test_threads_of_a_worker_do_not_share_a_task(monkeypatch):
     """OSQP's workspace, for one, holds the wrench that is being solved for."""
     both = Barrier(2, timeout=30.0)
     monkeypatch.setattr(Who, 'met', both)
-    pickled = pickle.dumps(Who())
+    given = pickle.dumps(Who()), deciding_versions()
     with ThreadPoolExecutor(2) as pool:
         for _ in range(2):
-            made = [pool.submit(engine.call, pickled, code(), i) for i in (0, 1)]
+            made = [pool.submit(engine.compute_chunk, *given, i) for i in (0, 1)]
             found = [each.result() for each in made]
             assert found[0] != found[1]
-    assert engine.call(pickled, code(), -1) == engine.call(pickled, code(), -1)
+    assert engine.compute_chunk(*given, -1) == engine.compute_chunk(*given, -1)
 
 
 # The static study

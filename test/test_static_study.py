@@ -25,7 +25,7 @@ from ca_ros.studies.errors import evaluate
 from ca_ros.studies.result_files import write
 from ca_ros.studies.static import study as static_study
 from ca_ros.studies.static.study import main
-from ca_ros.studies.wrench_sets import SAMPLINGS, gauge, samples
+from ca_ros.studies.wrench_sets import SAMPLINGS, samples
 from ca_ros.vehicle.files import config_directory
 from strategies import length
 
@@ -152,7 +152,7 @@ def test_a_sample_depends_on_seed_and_number_alone(sampling):
     parts = [samples(admissible, sampling, 3, *ends)
              for ends in ((0, 1), (1, 999), (999, 2001), (2001, 2500))]
     np.testing.assert_array_equal(np.concatenate(parts), whole)
-    distance = gauge(admissible, whole)
+    distance = admissible.problem.attainable_set.gauge(whole)
     if sampling == 'boundary':
         np.testing.assert_allclose(distance, 1.0, atol=1e-12)
     elif sampling == 'outside':
@@ -296,7 +296,7 @@ def test_rotors_that_tilt_are_studied(tmp_path):
     assert (tmp_path / 'violations.png').stat().st_size > 20_000
     admissible = AdmissibleSet(Vehicle.load('azimuth_boat'))
     wrenches = samples(admissible, 'boundary', 0, 0, 20)
-    np.testing.assert_allclose(gauge(admissible, wrenches), 1.0, atol=1e-8)
+    np.testing.assert_allclose(admissible.problem.attainable_set.gauge(wrenches), 1.0, atol=1e-8)
     for share, inside in ((0.999, True), (1.001, False)):
         moved = admissible.center + share * (wrenches - admissible.center)
         assert (admissible.contains(moved) == inside).all()

@@ -52,8 +52,8 @@ def test_hover_is_inside_where_a_linear_program_says_so(name):
             [*np.zeros(problem.n), -1.0],
             A_eq=np.column_stack([problem.gamma, -way]), b_eq=problem.center, bounds=bounds)
         assert problem.interior.has_volume
-        assert problem.hovers == (found.x[-1] > 1.0 + 1e-9)
-        answers.add(problem.hovers)
+        assert problem.interior.has_reference == (found.x[-1] > 1.0 + 1e-9)
+        answers.add(problem.interior.has_reference)
     assert answers == {True, False}
 
 

@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array
-from ca_ros.problem.audit import Audit, accept, audit
+from ca_ros.problem.audit import Audit, accepted, audit
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.problem.vehicle_problem import problem_of
 from ca_ros.settings import ParameterError, Settings, settings_of
 from ca_ros.vehicle.validation import counts
 from ca_ros.vehicle.vehicle import Vehicle
@@ -74,10 +73,8 @@ class Allocator(ABC):
     ) -> None:
         if 'lost_axes' in given and not hasattr(self.settings_type, 'lost_axes'):
             raise TypeError('lost_axes: make_allocator takes it; with_health keeps all axes')
-        if not isinstance(problem, Vehicle):
-            problem = problem_of(problem)
+        self.problem = accepted(problem)
         self.settings = settings_of(type(self), self.settings_type, settings, given)
-        self.problem = accept(problem).independent if isinstance(problem, Vehicle) else problem
         if not self.takes_vectors:
             others = 'pseudo_inverse, weighted_pseudo_inverse and weighted_least_squares take both'
             self.problem.program.refuse_vectors(type(self).__name__, f'exact, {others}')

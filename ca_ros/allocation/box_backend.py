@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ca_ros.allocation.exact_settings import ExactSettings
-from ca_ros.allocation.explanation import BY_ORDER, BY_POLICY, Explanation, explained, margin_of
+from ca_ros.allocation.explanation import BY_ORDER, BY_POLICY, Explanation, explained
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
 from ca_ros.kernel import Kernel
@@ -162,7 +162,7 @@ class BoxNumpy(BoxBackend):
             [found.served, found.joint_gain, found.airmode, found.gain])
         names.reshape(len(u) + 1, -1)[:] = np.vstack([
             np.column_stack([found.airmode_blocks, found.blocks]), np.append([0], found.limit)])
-        return margin_of(within, u)
+        return within.margin(u)
 
     def allocate(  # type: ignore[override]
         self, u: Array, demand: Array, thrusts: Array, *bounds: Array

@@ -119,7 +119,7 @@ def explain(
     """
     served = shares(problem, demand, problem.gamma @ thrusts)
     found = Limits.none(np.ones_like(served) if exact else served, problem.n)
-    margin, others = margin_of(within, demand), [BY_METHOD] * len(served)
+    margin, others = within.margin(demand), [BY_METHOD] * len(served)
     if not problem.interior.has_volume:
         margin = float('nan')
     elif margin < 0.0 and (found.served < 1.0).any():
@@ -137,8 +137,3 @@ def explained(
     missed = np.where(found.served < 1.0, demand - problem.gamma @ thrusts, 0.0)
     return Explanation(
         **vars(found), problem=problem, demand=demand, margin=margin, missed=missed, others=others)
-
-
-def margin_of(within: AllocationProblem, demand: Array) -> float:
-    """Return the margin of a demand within the bounds of an answer."""
-    return float(within.attainable_set.margin(demand)) if within.interior.has_volume else -np.inf

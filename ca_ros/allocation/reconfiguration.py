@@ -13,11 +13,11 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ca_ros.arrays import Array, floats
+from ca_ros.arrays import Array
 from ca_ros.problem.audit import Audit, accept, audit
 from ca_ros.problem.problem import AllocationProblem
-from ca_ros.settings import ParameterError, Settings
-from ca_ros.vehicle.validation import repeated
+from ca_ros.settings import Settings
+from ca_ros.vehicle.validation import health_of, repeated
 from ca_ros.vehicle.vehicle import Vehicle
 
 VOLTAGE_STEP = 0.005  # relative change of the voltage from which the bounds follow it
@@ -151,11 +151,9 @@ class Reconfiguration(Generic[Made]):
         Raises a ParameterError if it is not n numbers in [0, 1], a servo cannot stick there, or an
         arm is not of two rotors.
         """
-        shares, shape = floats(health), self._declared.health.shape
-        if shares.shape != shape or not ((shares >= 0.0) & (shares <= 1.0)).all():
-            what = f'expected {shape[0]} numbers in [0, 1]'
-            raise ParameterError(f'{self.effector} health {shares}: {what}')
-        self._declared.with_health(np.ones(shape), arms, stuck or {})
+        n = len(self._declared.health)
+        shares = health_of(f'{self.effector} health', health, n, self.effector)
+        self._declared.with_health(np.ones(n), arms, stuck or {})
         return shares
 
     def measure(self, voltage: float) -> bool:

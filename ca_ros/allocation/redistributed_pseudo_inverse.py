@@ -1,7 +1,5 @@
 """The redistributed pseudo-inverse, also called cascaded generalised inverse."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ca_ros.allocation.allocator import Allocator
@@ -13,11 +11,6 @@ from ca_ros.allocation.weighted_pseudo_inverse import (
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.problem.programs import EXACT_TOLERANCE
 from ca_ros.vehicle.validation import repeated
-
-
-@dataclass(frozen=True, kw_only=True)
-class RedistributedPseudoInverseSettings(WeightedPseudoInverseSettings):
-    """The settings of `RedistributedPseudoInverse`."""
 
 
 class RedistributedPseudoInverse(Allocator):
@@ -48,8 +41,8 @@ class RedistributedPseudoInverse(Allocator):
         'generalised inverse)'
     )
 
-    settings_type = RedistributedPseudoInverseSettings
-    settings: RedistributedPseudoInverseSettings
+    settings_type = WeightedPseudoInverseSettings
+    settings: WeightedPseudoInverseSettings
 
     def _set_up(self) -> None:
         self.weights = repeated('weights', self.settings.weights, self.problem.n)

@@ -83,7 +83,7 @@ class Reduced(Allocator):
     @property
     def lost_axes(self) -> tuple[str, ...]:
         """The axes of the problem that are lost: all of them without any effector."""
-        return self.problem.axes if isinstance(self.method, AtRest) else self.audit.lost
+        return self.problem.axes if self.audit.independent.powerless else self.audit.lost
 
     def within(self, limited: Any) -> Reduced:
         """Return the same with the method within rates."""

@@ -11,7 +11,6 @@ from ca_ros.allocation.explanation import (
     BY_POLICY,
     Explanation,
     explained,
-    margin_of,
 )
 from ca_ros.allocation.result import Allocation, Status
 from ca_ros.arrays import Array
@@ -78,7 +77,7 @@ class SetsNumpy:
             by_rate = np.zeros(problem.n, bool) if answer.by_rate is None else answer.by_rate
             found, _ = limits_of_vectors(
                 problem, u, answer.thrusts, served, partial(self._moved, u), by_rate)
-        margin = margin_of(problem, u)
+        margin = problem.margin(u)
         return explained(problem, u, answer.thrusts, found, margin, [other] * len(u))
 
     def _moved(self, u: Array, sets: ConvexSets) -> Array:

@@ -18,21 +18,21 @@ POSITION, HEADING = (1.0, 1.0, 1.0), 45.0  # the paper's waypoint [m, degrees]
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for the waypoint or the trajectory, and for rotor failures."""
     add = parser.add_argument
-    about = f'position to fly to [m] (default: {" ".join(f"{x:g}" for x in POSITION)})'
-    add('--waypoint', type=finite, nargs=3, metavar=('X', 'Y', 'Z'), help=about)
+    add('--waypoint', type=finite, nargs=3, metavar=('X', 'Y', 'Z'),
+        help=f'position to fly to [m] (default: {" ".join(f"{x:g}" for x in POSITION)})')
     add('--heading', type=finite, help=f'heading to turn to [degrees] (default: {HEADING:g})')
     file = f'a CSV file with {", ".join(COLUMNS)}, in s, m and rad'
-    about = f'fly to one waypoint after the other: {file}; each becomes active at its time'
-    add('--trajectory', type=Path, metavar='FILE', help=about)
+    add('--trajectory', type=Path, metavar='FILE',
+        help=f'fly to one waypoint after the other: {file}; each becomes active at its time')
     health = 'to this health (0: lost); may be repeated'
     about = f'break a rotor (1 is the first) at a time of the flight [s], {health}'
     about += '; an angle, such as 0.4rad, instead of the health: its servo sticks there'
     fail: Any = {'type': shown(RotorFailure.parse), 'action': 'append', 'default': []}
     add('--fail', **fail, metavar='ROTOR@TIME[=HEALTH|=ANGLErad]', help=about)
-    about = 'time from a failure to its announcement to allocator and controller, or never'
-    add('--announce', type=_delay, default=ANNOUNCE, metavar='SECONDS', help=about)
-    about = 'detect rotor failures from the motion; with --announce never nobody else names them'
-    add('--detect', action='store_true', help=about)
+    add('--announce', type=_delay, default=ANNOUNCE, metavar='SECONDS',
+        help='time from a failure to its announcement to allocator and controller, or never')
+    add('--detect', action='store_true',
+        help='detect rotor failures from the motion; with --announce never nobody else names them')
 
 
 def trajectory_of(options: argparse.Namespace) -> Trajectory:

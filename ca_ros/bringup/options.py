@@ -155,36 +155,35 @@ def _parser() -> argparse.ArgumentParser:
     parser.formatter_class = HelpFormatter
     add = parser.add_argument
     methods = f'{", ".join(ALLOCATORS)}, or module:Class for your own'
-    about = f"allocation method: {methods} (default: the parameter file's)"
-    add('--method', type=shown(_method), metavar='METHOD', help=about)
-    about = "follow the clock, or step as fast as possible (default: the parameter file's)"
-    add('--mode', choices=table(NodeSettings)['mode'].choices, help=about)
+    add('--method', type=shown(_method), metavar='METHOD',
+        help=f"allocation method: {methods} (default: the parameter file's)")
+    add('--mode', choices=table(NodeSettings)['mode'].choices,
+        help="follow the clock, or step as fast as possible (default: the parameter file's)")
     add('--duration', type=positive(float), default=10.0, help='time of flight [s]')
-    about = 'greatest distance from the waypoint at the end; 0.25 degrees of heading a cm'
     add('--tolerance', type=positive(float), metavar='METRES', default=POSITION_TOLERANCE,
-        help=about)
+        help='greatest distance from the waypoint at the end; 0.25 degrees of heading a cm')
     add_options(parser)
-    about = 'also start the viewer: markers for RViz and Foxglove on viewer/markers'
-    add('--view', action='store_true', help=about)
-    about = 'folder of the results (default: a new one here, flight_DATE_TIME)'
-    add('--out', type=Path, metavar='DIR', help=about)
+    add('--view', action='store_true',
+        help='also start the viewer: markers for RViz and Foxglove on viewer/markers')
+    add('--out', type=Path, metavar='DIR',
+        help='folder of the results (default: a new one here, flight_DATE_TIME)')
     add_figure_options(parser)
-    about = 'record every message into this new folder, as an MCAP bag of rosbag2'
-    add('--bag', type=Path, metavar='DIR', help=about)
-    about = 'restart nodes that end; a new simulator restarts the flight'
-    add('--respawn', action='store_true', help=about)
-    about = "put a fault_proxy on every link, for instance 'drop:=0.1 delay:=0.02'"
-    add('--faults', type=shown(_faults), metavar='PARAMETERS', help=about)
+    add('--bag', type=Path, metavar='DIR',
+        help='record every message into this new folder, as an MCAP bag of rosbag2')
+    add('--respawn', action='store_true',
+        help='restart nodes that end; a new simulator restarts the flight')
+    add('--faults', type=shown(_faults), metavar='PARAMETERS',
+        help="put a fault_proxy on every link, for instance 'drop:=0.1 delay:=0.02'")
     same = 'it gets the same ROS arguments (docs/plant.md)'
     for option, node in REPLACEMENTS.items():
-        about = f'a program of your own in place of the {node}; {same}'
-        add(f'--{option}', type=shown(_program), metavar='COMMAND', help=about)
+        add(f'--{option}', type=shown(_program), metavar='COMMAND',
+            help=f'a program of your own in place of the {node}; {same}')
     add = parser.add_mutually_exclusive_group().add_argument
     unless = f'(default: {DEFAULT_VEHICLE}, unless the ROS arguments have a --params-file)'
     add('--vehicle', help=f'a shipped vehicle or a parameter file {unless}')
     add('--params-file', metavar='FILE', dest='vehicle', help='a parameter file')
-    about = 'namespace of the nodes, for instance /uav1 (default: that of the ROS arguments)'
-    parser.add_argument('--namespace', help=about)
+    parser.add_argument('--namespace',
+        help='namespace of the nodes, for instance /uav1 (default: that of the ROS arguments)')
     return parser
 
 

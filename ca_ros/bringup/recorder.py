@@ -6,14 +6,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, Header
 
 from ca_ros.arrays import Array
 from ca_ros.control.waypoint import Waypoint
@@ -24,6 +24,7 @@ from ca_ros.nodes.messages import (
     announcement,
     imu_arrays,
     nanoseconds,
+    pose_message,
     speeds_stamp,
     stamp,
     wrench_numbers,
@@ -42,7 +43,7 @@ DEMANDED = WRENCH, UNALLOCATED, RESIDUAL = tuple(
 
 PARAMETERS_MAX = 5.0  # longest wait for a program's parameters, when all else is there [s]
 OWN = topics.WRENCH.name, topics.SPEED_COMMAND.name  # links to which the recorder subscribes, too
-RECENT = 1000  # newest wrenches that matter before the flight, of which one becomes the first
+RECENT = 1000  # wrenches that are kept before the flight: its first one is among the newest
 NOTHING = 1e-6  # size of what counts as served in full [N, N m]
 
 
@@ -124,7 +125,7 @@ class Recorder(Node):
                 while taken := stream.handle.take_message(stream.msg_type, False):
                     receive(taken[0])
         if self.samples.start is None:
-            # Before the flight only the newest samples matter, of which one becomes the first.
+            # The flight begins with one of the newest samples.
             self.samples.forget(1_000_000_000)
             kept: list[dict[int, Any]] = [*self.wrenches.values(), *self._measured.values()]
             for stamps in kept:
@@ -185,12 +186,8 @@ class Recorder(Node):
             self._stamped = True
         else:
             self._goal = waypoint
-        message = PoseStamped()
-        message.header.stamp = stamp(time)
-        p, q = message.pose.position, message.pose.orientation
-        p.x, p.y, p.z = waypoint.position.tolist()
-        q.x, q.y, q.z, q.w = waypoint.attitude.tolist()
-        self._waypoint.publish(message)
+        header = Header(stamp=stamp(time))
+        self._waypoint.publish(pose_message(waypoint.position, waypoint.attitude, header))
 
     def announce(self, health: Array, stuck: Mapping[int, float], time: int = 0) -> None:
         """Announce the health (n,) of the rotors, and stuck servos: by rotor the angle [rad].

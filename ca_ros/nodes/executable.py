@@ -107,8 +107,8 @@ def parse(
         '--ros-args --params-file FILE -r __ns:=/uav1',
     )
     default = f'(default: {DEFAULT_VEHICLE}, unless --params-file gives one)'
-    about = f'a shipped vehicle or a parameter file {default}'
-    parser.add_argument('--vehicle', metavar='NAME|FILE', help=about)
+    parser.add_argument('--vehicle', metavar='NAME|FILE',
+        help=f'a shipped vehicle or a parameter file {default}')
     own, ros = split(argv)
     namespace, name = arguments.renamed(ros, '__ns', '/'), arguments.renamed(ros, '__node', prog)
     node = arguments.full_name(namespace, name)

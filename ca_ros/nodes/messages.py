@@ -151,15 +151,21 @@ def state_messages(
     world: str, body: str,
 ) -> tuple[PoseStamped, TwistStamped]:
     """Return a pose in the world frame and a velocity in the body frame."""
-    pose = PoseStamped(header=Header(stamp=time, frame_id=world))
-    p, q = pose.pose.position, pose.pose.orientation
-    p.x, p.y, p.z = position.tolist()
-    q.x, q.y, q.z, q.w = attitude.tolist()
+    pose = pose_message(position, attitude, Header(stamp=time, frame_id=world))
     twist = TwistStamped(header=Header(stamp=time, frame_id=body))
     v, w = twist.twist.linear, twist.twist.angular
     v.x, v.y, v.z = velocity.tolist()
     w.x, w.y, w.z = angular_velocity.tolist()
     return pose, twist
+
+
+def pose_message(position: Array, attitude: Array, header: Header) -> PoseStamped:
+    """Return a pose: position (3,) [m] and attitude x, y, z, w (4,)."""
+    message = PoseStamped(header=header)
+    p, q = message.pose.position, message.pose.orientation
+    p.x, p.y, p.z = position.tolist()
+    q.x, q.y, q.z, q.w = attitude.tolist()
+    return message
 
 
 def wrong_frame(frame: str, expected: str, parameter: str) -> str | None:

@@ -69,7 +69,7 @@ class Streams:
 
     def _newest(self, stream: Subscription, taken: _Taken) -> _Taken:
         """Return the newest message of what waits after a stall; otherwise the message taken."""
-        # Before the timer, which comes after the messages.
+        # The timer, which notes stalls too, is served after the messages.
         if monotonic() > self._looked + STALL_MIN:
             self.note_stall()
         while monotonic() < self._settled:

@@ -100,12 +100,12 @@ class Audit:
 
         It is -inf if that set has no volume.
         """
-        return controllability.reference_margin(self.full)
+        return self.full.margin(self.full.reference)
 
     @cached_property
     def controllable_hover_margin(self) -> float:
         """As `hover_margin`, for `controllable`."""
-        return controllability.reference_margin(self.controllable)
+        return self.controllable.margin(self.controllable.reference)
 
     @cached_property
     def authority(self) -> dict[str, tuple[float, float]]:
@@ -373,3 +373,11 @@ def accept(subject: Vehicle | AllocationProblem, lost_axes: str | None = None) -
             f'{made})'
         )
     return report
+
+
+def accepted(subject: Vehicle | AllocationProblem) -> AllocationProblem:
+    """Return what an allocator solves: a problem as it is, of a vehicle the `independent` axes.
+
+    Raises what `accept` raises, or a TypeError if the subject is neither.
+    """
+    return accept(subject).independent if isinstance(subject, Vehicle) else problem_of(subject)

@@ -79,16 +79,6 @@ def expendable(axes: Sequence[str]) -> list[str]:
     return [*reversed(others), *(axis for axis in EXPENDABLE if axis in axes)]
 
 
-def reference_margin(problem: AllocationProblem) -> float:
-    """Return the signed distance from the reference, such as hover, to the boundary.
-
-    It is -inf for a set without volume.
-    """
-    if not problem.interior.has_volume:
-        return -np.inf
-    return float(problem.attainable_set.margin(problem.reference))
-
-
 def independent_part(problem: Part) -> Part:
     """Return the problem without the axes that the effectors cannot control independently."""
     return _part(problem, lambda part: part.interior.independence >= INDEPENDENCE_MIN, _dependent)

@@ -9,7 +9,7 @@ from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError
 from ca_ros.solver.convex_sets import Box
 from ca_ros.vehicle.motors import HEALTH_MIN
-from ca_ros.vehicle.validation import numbers
+from ca_ros.vehicle.validation import health_of
 
 
 def shares_of(health: ArrayLike, count: int) -> Array:
@@ -17,11 +17,7 @@ def shares_of(health: ArrayLike, count: int) -> Array:
 
     Raises a ParameterError if there is not one number in [0, 1] for each.
     """
-    shares = numbers('health', health)
-    if shares.shape != (count,) or not ((shares >= 0.0) & (shares <= 1.0)).all():
-        given = ' '.join(repr(health).split())
-        raise ParameterError(
-            f'health: expected {count} numbers in [0, 1], one for each effector, got {given}')
+    shares = health_of('health', health, count, 'effector')
     return np.where(shares < HEALTH_MIN, 0.0, shares)
 
 

@@ -39,7 +39,6 @@ ARGUMENTS = (
 
 REQUIRED_KEYS = ('matrix', 'lower', 'upper')
 
-
 SHAPES = {'interval': 1, 'sector': 2, 'cone': 3, 'disc': 2}  # sets in a file, with components
 
 P = TypeVar('P')

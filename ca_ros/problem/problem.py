@@ -434,6 +434,13 @@ class AllocationProblem:
         """Effectors (n,) that share the reference among them, whatever their bounds."""
         return np.array(np.linalg.pinv(self.gamma) @ self.reference)
 
+    def margin(self, u: Array) -> float:
+        """Return the signed distance of a wrench (m,) to the boundary of `attainable_set`.
+
+        It is positive inside, and -inf if the set has no volume [N, N m].
+        """
+        return float(self.attainable_set.margin(u)) if self.interior.has_volume else -np.inf
+
     @property
     def attainable_set(self) -> Zonotope | SupportedSet:
         """The admissible set A of Eq. (23); a ValueError if it has no volume."""

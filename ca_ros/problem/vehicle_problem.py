@@ -151,11 +151,6 @@ class VehicleProblem(AllocationProblem):
         """Thrusts (n,) that share the weight equally [N]."""
         return np.full(self.n, self.vehicle.weight / self.n)
 
-    @property
-    def hovers(self) -> bool:
-        """Whether hover is inside the admissible set, not on its boundary."""
-        return self.interior.has_reference
-
     def forces(self, thrusts: Array) -> Array:
         """Return the force (n, 3) of each rotor in the body frame for components (n,) [N]."""
         return np.add.reduceat(thrusts[:, None] * self.directions, self.sets.first)

@@ -27,7 +27,7 @@ from ca_ros.px4.messages import topic
 from ca_ros.px4.rules import Rules
 from ca_ros.vehicle.vehicle import Vehicle
 
-REPLIES = 5  # to others come on the same topic, too
+REPLIES = 5  # depth of the queue of replies: those to other nodes come on the same topic
 TO_PX4 = QoSProfile(depth=5)
 
 LEVELS = {'OK': OK, 'WARN': WARN, 'ERROR': ERROR, 'STALE': STALE}
@@ -49,7 +49,7 @@ class Px4Bridge(Node):
     """
 
     declared = Px4NodeSettings
-    _foreign = ''
+    _mismatch = ''
 
     def __init__(self, node_name: str = 'px4_bridge', **kwargs: Any) -> None:
         # Here, so that the help of the command needs no px4_msgs.
@@ -132,9 +132,9 @@ class Px4Bridge(Node):
         level, text = self.rules.state()
         found = [(LEVELS[level], text)]
         if level == 'STALE' and self._diagnostics.may_log('versions'):
-            self._foreign = self._other_versions()
-        if level == 'STALE' and self._foreign:
-            found.append((ERROR, self._foreign))
+            self._mismatch = self._other_versions()
+        if level == 'STALE' and self._mismatch:
+            found.append((ERROR, self._mismatch))
         return found
 
     def _values(self) -> dict[str, object]:

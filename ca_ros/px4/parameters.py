@@ -376,13 +376,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     one = ways.add_parser('from-px4', help='print a parameter file of ca_ros')
     one.add_argument('file', type=Path, help='an airframe, or a file of QGroundControl (.params)')
     add_rotor_numbers(one, 'k_f, of the strongest [kg m]')
-    about = 'k_tau / k_f [m] (default: the magnitude of KM)'
-    one.add_argument('--moment-constant', type=finite, help=about)
+    one.add_argument('--moment-constant', type=finite,
+        help='k_tau / k_f [m] (default: the magnitude of KM)')
     one.add_argument('--mass', type=finite, required=True, help='[kg]')
-    about = 'what a position of 1 stands for [m] (default: 1, unless the greatest is 1)'
-    one.add_argument('--length', type=finite, help=about)
-    about = 'Jx Jy Jz [kg m^2] (default: none)'
-    one.add_argument('--inertia', type=finite, nargs=3, metavar='J', help=about)
+    one.add_argument('--length', type=finite,
+        help='what a position of 1 stands for [m] (default: 1, unless the greatest is 1)')
+    one.add_argument('--inertia', type=finite, nargs=3, metavar='J',
+        help='Jx Jy Jz [kg m^2] (default: none)')
     other = ways.add_parser('to-px4', help="print PX4's parameters")
     other.add_argument('vehicle', help='a shipped vehicle or a parameter file')
     other.add_argument('--style', choices=STYLES, default='shell', help='(default: %(default)s)')

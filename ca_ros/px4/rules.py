@@ -44,6 +44,7 @@ REFUSED = 10  # arming checks in a row that leave this mode out, after which PX4
 REQUIREMENTS = 'angular_velocity', 'attitude', 'local_alt', 'local_position'
 """What PX4 has to estimate for a controller to fly: the fields `mode_req_*`."""
 
+
 class Host(Protocol):
     """What the rules need of the node that speaks with PX4."""
 
@@ -251,7 +252,7 @@ class Rules:
             self._unregister(self._registration)
             self._registration = None
 
-    # What is told of it
+    # What the diagnostics say
 
     @property
     def ready(self) -> bool:
@@ -304,7 +305,7 @@ class Rules:
             found |= {'motors': 'of ca_ros' if self.ours else 'of PX4'}
         return {**found, **self.counts}
 
-    # How it is decided
+    # Whose the motors are
 
     @property
     def _armed(self) -> bool:

@@ -173,7 +173,7 @@ class Plant:
             self._commands.append(command)
             given = self._commands.popleft()
             lag = self._settings.motor_time_constant
-            # Those at the end would act half a sub-step too early.
+            # The speeds at the end of the sub-step would act half of it too early.
             mean = mean_speeds(lag, self.speeds[:n], given[:n], step)
             speeds = lagged(lag, self.speeds[:n], given[:n], step)
             angles = self._servos.move(self.speeds[n:], given[n:], step, self.body.vehicle)

@@ -29,7 +29,8 @@ def euler(derivative: Derivative, state: Array, step: float) -> Array:
     return state + step * derivative(state)
 
 
-CALM: Array = np.zeros(3)
+CALM: Array = np.zeros(3)  # no wind [m/s]
+
 
 class RigidBody:
     """The vehicle's equations of motion for given rotor speeds and wind.

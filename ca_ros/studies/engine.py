@@ -38,10 +38,10 @@ ARRIVAL, NEWS = 30.0, 10.0  # wait for a cluster's first worker, time between tw
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `compute` to a command line."""
     where = parser.add_mutually_exclusive_group()
-    cores = 'processes that compute (default: one for each core)'
-    where.add_argument('--workers', type=positive(int), metavar='N', help=cores)
-    cluster = 'compute on a Dask cluster: the address of its scheduler'
-    where.add_argument('--scheduler', metavar='tcp://HOST:PORT', help=cluster)
+    where.add_argument('--workers', type=positive(int), metavar='N',
+        help='processes that compute (default: one for each core)')
+    where.add_argument('--scheduler', metavar='tcp://HOST:PORT',
+        help='compute on a Dask cluster: the address of its scheduler')
 
 
 def chunk_size(total: int, least: int) -> int:
@@ -59,11 +59,11 @@ def compute(
     counts chunks.  Raises a CaRosError if a worker process was killed, the cluster cannot be
     reached, or has other versions.
     """
-    given, done, news = (pickle.dumps(task), code()), 0, perf_counter() + NEWS
+    given, done, news = (pickle.dumps(task), deciding_versions()), 0, perf_counter() + NEWS
     futures: list[Future[Any]] = []
     with _executor(options, count) as executor, tqdm(total=count, disable=None, **bar) as shown:
         try:
-            futures += (executor.submit(call, *given, number) for number in range(count))
+            futures += (executor.submit(compute_chunk, *given, number) for number in range(count))
             for done, future in enumerate(as_completed(futures), 1):
                 future.result()
                 shown.update()
@@ -133,12 +133,12 @@ def _cluster(scheduler: str) -> Iterator[Executor]:
 _last = local()  # the last task of a thread: solvers such as OSQP must not be shared by threads
 
 
-def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
+def compute_chunk(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
     """Compute a chunk on a worker.
 
     Raises a CaRosError if the worker has other versions than `expected`: its digits might differ.
     """
-    if (found := code()) != expected:
+    if (found := deciding_versions()) != expected:
         names = ', '.join(name for name in expected if found.get(name) != expected[name])
         raise CaRosError(f'a worker has another version of {names} than this process')
     if getattr(_last, 'pickled', None) != pickled:
@@ -147,7 +147,7 @@ def call(pickled: bytes, expected: Mapping[str, str], number: int) -> Any:
 
 
 @cache
-def code() -> dict[str, str]:
+def deciding_versions() -> dict[str, str]:
     """Return the versions on which digits depend, and the engine of `exact`."""
     installed = versions()
     found = {name: installed[name] for name in ('ca_ros', 'numpy', 'scipy', 'osqp')}

@@ -29,13 +29,11 @@ def parser(prog: str, description: str) -> argparse.ArgumentParser:
     made.formatter_class = HelpFormatter
     add = made.add_argument
     add('--vehicle', default='hexarotor', help='a shipped vehicle or a YAML file')
-    compared = (
-        f'what to compare: {", ".join([*ALLOCATORS, *FOR_COMPARISON])}, module:Class for a '
-        f"method of your own; paper for the paper's four, all for the first {len(ALLOCATORS)}"
-    )
-    add('--methods', default='paper', metavar='A,B', help=compared)
-    change = "a parameter other than in the vehicle's file, as with ROS; may be repeated"
-    add('-p', '--param', action='append', default=[], metavar='NAME:=VALUE', help=change)
+    add('--methods', default='paper', metavar='A,B',
+        help=f'what to compare: {", ".join([*ALLOCATORS, *FOR_COMPARISON])}, module:Class for a '
+        f"method of your own; paper for the paper's four, all for the first {len(ALLOCATORS)}")
+    add('-p', '--param', action='append', default=[], metavar='NAME:=VALUE',
+        help="a parameter other than in the vehicle's file, as with ROS; may be repeated")
     add('--out', type=Path, default=Path('.'), metavar='DIR', help='folder of the results')
     add_options(made)
     return made
@@ -68,7 +66,7 @@ def case_of(
     return case, allocators
 
 
-def concluded(prog: str, study: Study, options: argparse.Namespace) -> int:
+def run_command(prog: str, study: Study, options: argparse.Namespace) -> int:
     """Do a study and print its text; return the exit code.
 
     It is 1 after an error, 130 after Ctrl-C, told in one line each.  Errors in a method of
@@ -87,7 +85,7 @@ def concluded(prog: str, study: Study, options: argparse.Namespace) -> int:
     return 0
 
 
-def called(
+def run_function(
     parse: Callable[[Sequence[str]], argparse.Namespace], study: Study, options: Mapping[str, Any]
 ) -> pd.DataFrame:
     """Do a study with the options of its command by name; return its rows.

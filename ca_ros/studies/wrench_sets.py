@@ -17,10 +17,6 @@ SAMPLINGS = {
 
 DEPTHS = (1e-3, 1e-6, 1e-9)  # of `near_boundary`, relative to the distance from the centre
 
-def gauge(admissible: AdmissibleSet, wrenches: Array) -> Array:
-    """Return how far out wrenches (..., m) are: 0 at the centre, 1 on the boundary."""
-    return admissible.problem.attainable_set.gauge(wrenches)
-
 
 def samples(admissible: AdmissibleSet, sampling: str, seed: int, start: int, stop: int) -> Array:
     """Return samples `start` to `stop`, excluding the last, (stop - start, m) [N, N m]."""
@@ -38,7 +34,7 @@ def _block(admissible: AdmissibleSet, sampling: str, rng: np.random.Generator) -
     wrenches = admissible.sample(rng, BLOCK)
     if sampling in ('boundary', 'outside'):
         offsets = wrenches - center
-        wrenches = center + offsets / gauge(admissible, center + offsets)[:, None]
+        wrenches = center + offsets / problem.attainable_set.gauge(center + offsets)[:, None]
         if sampling == 'outside':
             wrenches = center + (wrenches - center) * (2.0 - rng.random((BLOCK, 1)))
     return wrenches
@@ -48,6 +44,6 @@ def near_boundary(admissible: AdmissibleSet, rng: np.random.Generator, size: int
     """Draw wrenches (size, m) inside, on and outside the boundary, in turn [N, N m]."""
     center = admissible.center
     offsets = admissible.sample(rng, size) - center
-    offsets /= gauge(admissible, center + offsets)[:, None]
+    offsets /= admissible.problem.attainable_set.gauge(center + offsets)[:, None]
     side = np.arange(size) % 3 - 1
     return center + offsets * (1.0 + side * rng.choice(DEPTHS, size))[:, None]

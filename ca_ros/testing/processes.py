@@ -43,7 +43,7 @@ BLOCKED = re.compile(
     r'Timeout \(.*\)!\nThread \S+ \(most recent call first\):\n'
     r'  File ".*/rclpy/node\.py", line \d+ in destroy_node\n'
 )
-"""What a node of this package prints then."""
+"""What a node of this package prints if Fast DDS blocks while it ends."""
 
 
 class GraphProcesses:

@@ -73,7 +73,7 @@ def parameters_of(keywords: Mapping[str, Any]) -> dict[str, Any]:
         elif name == 'axes' and isinstance(value, str):
             value = [value]
         elif name == 'yaw_torque_signs':
-            name, value = 'spins', _turns(value)
+            name, value = 'spins', _spins_of_signs(value)
         group, key = ('rotors', 'axes') if name == 'rotor_axes' else (GROUPS[name], name)
         for path, each in flat(f'{group}.{key}', value):
             found[path] = plain(each)
@@ -144,7 +144,8 @@ def _spins(value: Any) -> Any:
     return words
 
 
-def _turns(value: Any) -> list[str]:
+def _spins_of_signs(value: Any) -> list[str]:
+    """Return the spins of rotors with these signs of the yaw torque."""
     right = '1 or -1 for each rotor'
     signs = _numbers('yaw_torque_signs', value, right).ravel()
     if not np.isin(signs, (-1.0, 1.0)).all():

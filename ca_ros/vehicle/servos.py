@@ -19,8 +19,7 @@ FIXED = 1e-9  # range of a tilt angle below which a rotor is fixed [rad]
 
 ROUNDING = 1e-6  # how far limits may be off half a circle or a circle [rad]
 
-
-NO_ANGLES = constant(np.zeros(0))
+NO_ANGLES = constant(np.zeros(0))  # of a vehicle without servos
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,6 +37,22 @@ def counts(number: object, most: float = inf) -> bool:
     return bool(1 <= number <= most)
 
 
+def health_of(name: str, health: ArrayLike, n: int, what: str = 'rotor') -> Array:
+    """Return the share (n,) of its effect that each rotor or effector still has.
+
+    Raises a ParameterError with the name if there is not one number in [0, 1] for each.
+    """
+    try:
+        shares = floats(health)
+    except (TypeError, ValueError):
+        shares = np.array(np.nan)
+    if shares.shape != (n,) or not ((shares >= 0.0) & (shares <= 1.0)).all():
+        given = ' '.join(repr(health).split())
+        raise ParameterError(
+            f'{name}: expected {n} numbers in [0, 1], one for each {what}, got {given}')
+    return shares
+
+
 def repeated(name: str, value: ArrayLike, n: int, what: str = 'rotor') -> Array:
     """Return `Numbers` as a constant array (n,); one number counts for all.
 

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ca_ros.arrays import Array, constant, floats, is_constant, same
+from ca_ros.arrays import Array, constant, is_constant, same
 from ca_ros.setting_names import check_given
 from ca_ros.settings import MissingParameterError, ParameterError, read, table
 from ca_ros.vehicle import files
@@ -29,7 +29,7 @@ from ca_ros.vehicle.settings import (
     RotorSettings,
     VehicleSettings,
 )
-from ca_ros.vehicle.validation import counts
+from ca_ros.vehicle.validation import counts, health_of
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False, kw_only=True)
@@ -263,15 +263,7 @@ class Vehicle(Motors):
         Raises a ParameterError if a health is out of bounds, an arm is not two rotors with the
         same health, or a servo cannot stick there.
         """
-        try:
-            shares = floats(health)
-        except (TypeError, ValueError):
-            shares = np.array(np.nan)
-        if shares.shape != (self.n,) or not ((shares >= 0.0) & (shares <= 1.0)).all():
-            given = ' '.join(repr(health).split())
-            raise ParameterError(
-                f'rotors.health: expected {self.n} numbers in [0, 1], one for each rotor, '
-                f'got {given}')
+        shares = health_of('rotors.health', health, self.n)
         arms = tuple(failed_arms)
         for i, j in arms:
             inside = 1 <= i <= self.n and 1 <= j <= self.n and i != j

@@ -32,7 +32,7 @@ from ca_ros.firmware.tilting import firmware_of
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
-from ca_ros.studies.wrench_sets import gauge, near_boundary
+from ca_ros.studies.wrench_sets import near_boundary
 from ca_ros.vehicle.files import read
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -96,7 +96,7 @@ def wrenches(problem: AllocationProblem, kind: str, size: int, seed: int = 0) ->
         return near_boundary(admissible, rng, size).astype(np.float32)
     drawn = admissible.sample(rng, size)
     if kind == 'outside':
-        shares = rng.uniform(1.0, 3.0, size) / gauge(admissible, drawn)
+        shares = rng.uniform(1.0, 3.0, size) / problem.attainable_set.gauge(drawn)
         drawn = problem.center + (drawn - problem.center) * shares[:, None]
     return drawn.astype(np.float32)
 

@@ -33,7 +33,7 @@ from ca_ros.studies.dynamic.metrics import (
 from ca_ros.studies.dynamic.plots import ROWS, draw
 from ca_ros.studies.dynamic.tables import document, observations
 from ca_ros.studies.result_files import facts, write
-from ca_ros.studies.study_cli import called, case_of, concluded, parser
+from ca_ros.studies.study_cli import case_of, parser, run_command, run_function
 from ca_ros.studies.tables import render
 from ca_ros.vehicle.state import NULL_STATE
 
@@ -44,7 +44,7 @@ FOR_MANOEUVRES = {'vehicle', 'methods', 'param', 'out', 'manoeuvres', 'seeds'}
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; return its exit code, 130 after Ctrl-C."""
     options = _parse(sys.argv[1:] if argv is None else argv)
-    return concluded('dynamic_study', _study, options)
+    return run_command('dynamic_study', _study, options)
 
 
 def dynamic_study(**options: Any) -> pd.DataFrame:
@@ -63,7 +63,7 @@ def dynamic_study(**options: Any) -> pd.DataFrame:
     ValueError, CaRosError
         If an option is wrong.
     """
-    return called(_parse, _study, options)
+    return run_function(_parse, _study, options)
 
 
 def _study(options: argparse.Namespace) -> tuple[pd.DataFrame, str]:
@@ -95,11 +95,11 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     )
     add = made.add_argument
     add('--duration', type=positive(float), default=10.0, help='time of flight [s]')
-    names = f'instead fly manoeuvres that saturate the rotors: {", ".join(MANOEUVRES)}'
-    add('--manoeuvres', type=named(MANOEUVRES), metavar='A,B', help=names)
+    add('--manoeuvres', type=named(MANOEUVRES), metavar='A,B',
+        help=f'instead fly manoeuvres that saturate the rotors: {", ".join(MANOEUVRES)}')
     add('--seeds', type=positive(int), default=50, metavar='N', help='of each manoeuvre')
-    rows = f'also draw these rows of each method, rows.png: {", ".join(ROWS)}'
-    add('--plot-rows', type=named(ROWS), default=(), metavar='A,B', help=rows)
+    add('--plot-rows', type=named(ROWS), default=(), metavar='A,B',
+        help=f'also draw these rows of each method, rows.png: {", ".join(ROWS)}')
     add_options(made)
     options = made.parse_args(argv)
     given = _given(made, argv)

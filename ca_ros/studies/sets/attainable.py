@@ -106,11 +106,11 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     add = made.add_argument
     add('--vehicle', default='hexarotor', help='a shipped vehicle or problem, or a YAML file')
     add('--axes', type=_words, metavar='A,B', help='two or three axes')
-    others = 'values of the other axes, where they are not those of hover'
-    add('--at', type=_values, default={}, metavar='AXIS=VALUE,...', help=others)
+    add('--at', type=_values, default={}, metavar='AXIS=VALUE,...',
+        help='values of the other axes, where they are not those of hover')
     add('--projection', action='store_true', help='let the other axes have any attainable value')
-    failed = 'also draw the set after failures: 3 without rotor 3, 3=0.6 with 60 %% of it'
-    add('--fail', action='append', metavar='ROTOR[=HEALTH],...', help=failed)
+    add('--fail', action='append', metavar='ROTOR[=HEALTH],...',
+        help='also draw the set after failures: 3 without rotor 3, 3=0.6 with 60 %% of it')
     add('--out', type=Path, default=Path('attainable'), metavar='PATH', help='without the suffix')
     add_options(made)
     options = made.parse_args(split(argv)[0])

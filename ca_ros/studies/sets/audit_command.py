@@ -29,8 +29,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     add = parser.add_argument
     add('vehicle', help='a shipped vehicle or a parameter file')
-    failed = 'rotors that are lost already, counted from 1, or weaker; all=0.8: each at 80 %%'
-    add('--fail', action='append', metavar='ROTOR[=HEALTH],...', help=failed)
+    add('--fail', action='append', metavar='ROTOR[=HEALTH],...',
+        help='rotors that are lost already, counted from 1, or weaker; all=0.8: each at 80 %%')
     add('--format', choices=('text', 'json'), default='text', help='(default: %(default)s)')
 
 

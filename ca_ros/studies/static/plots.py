@@ -19,7 +19,6 @@ from ca_ros.studies.errors import ERRORS, VIOLATION, columns
 from ca_ros.studies.plot_style import entries_of, styles, title
 from ca_ros.studies.sets.sections import sections
 from ca_ros.studies.static.slices import OUTLINE, draw_slices
-from ca_ros.studies.wrench_sets import gauge
 
 SHOWN = 10_000  # number of samples, the first ones, whose errors and violations are drawn
 ERROR_MIN = 1e-18  # smaller errors, zero among them, are drawn here [N, N m]
@@ -131,7 +130,8 @@ def _draw_violations(admissible: AdmissibleSet, rows: pd.DataFrame) -> Figure:
 
 def _draw_share(axes: Axes, admissible: AdmissibleSet, rows: pd.DataFrame) -> None:
     """Draw the share of samples with a violation over the distance from the centre."""
-    distance = gauge(admissible, rows[columns(admissible.problem)].to_numpy())
+    wrenches = rows[columns(admissible.problem)].to_numpy()
+    distance = admissible.problem.attainable_set.gauge(wrenches)
     rows = rows.assign(distance=distance).sort_values('distance')
     order = np.arange(len(rows)) * min(BINS, len(rows)) // len(rows)
     bins = rows.groupby(order)

@@ -19,7 +19,7 @@ from ca_ros.studies.result_files import facts, write
 from ca_ros.studies.static.chunks import StaticChunks, Summary, merged
 from ca_ros.studies.static.plots import draw
 from ca_ros.studies.static.tables import document, standard_error
-from ca_ros.studies.study_cli import called, case_of, concluded, parser
+from ca_ros.studies.study_cli import case_of, parser, run_command, run_function
 from ca_ros.studies.wrench_metrics import energies, metrics
 from ca_ros.studies.wrench_sets import SAMPLINGS
 
@@ -32,7 +32,7 @@ KEPT = 10_000  # the first samples, for the plots and the metrics of `wrench_met
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; return its exit code, 130 after Ctrl-C."""
     options = _parse(sys.argv[1:] if argv is None else argv)
-    return concluded('static_study', _study, options)
+    return run_command('static_study', _study, options)
 
 
 def static_study(**options: Any) -> pd.DataFrame:
@@ -55,7 +55,7 @@ def static_study(**options: Any) -> pd.DataFrame:
     >>> rows.groupby('method')['force_error'].max().round(2).to_dict()
     {'exact': 0.0, 'pseudo_inverse': 1.12}
     """
-    return called(_parse, _study, options)
+    return run_function(_parse, _study, options)
 
 
 def _study(options: argparse.Namespace) -> tuple[pd.DataFrame, str]:
@@ -83,16 +83,16 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         'Allocate random wrenches of the admissible set by each method: static.csv, static.json, '
         'static.md and plots.',
     )
-    count = f'number of wrenches; of more than {SINGLE_MAX}, batches are timed, not calls'
-    made.add_argument('--samples', type=positive(int), default=1000, metavar='N', help=count)
+    made.add_argument('--samples', type=positive(int), default=1000, metavar='N',
+        help=f'number of wrenches; of more than {SINGLE_MAX}, batches are timed, not calls')
     made.add_argument('--seed', type=natural, default=0, help='same seed, same wrenches')
-    kinds = (
-        'volume: uniform in the admissible set; thrusts: uniform in the bounds of the thrusts; '
-        'boundary: projected onto the boundary of the set; outside: beyond it, up to as much again'
-    )
-    made.add_argument('--sampling', choices=SAMPLINGS, default='volume', help=kinds)
-    rows = f'samples whose rows are in static.csv, the first ones (default: {KEPT}, the least)'
-    made.add_argument('--rows', type=positive(int), metavar='N', help=rows)
+    made.add_argument('--sampling', choices=SAMPLINGS, default='volume',
+        help='volume: uniform in the admissible set; thrusts: uniform in the bounds of the '
+        'thrusts; '
+        'boundary: projected onto the boundary of the set; outside: beyond it, up to as much '
+        'again')
+    made.add_argument('--rows', type=positive(int), metavar='N',
+        help=f'samples whose rows are in static.csv, the first ones (default: {KEPT}, the least)')
     add_options(made)
     options = made.parse_args(split(argv)[0])
     if options.rows is not None and options.rows < KEPT:
