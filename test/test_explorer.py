@@ -67,6 +67,13 @@ def browser():
         browser.close()
 
 
+def visit(page, address):
+    """Open an address in a page, and wait until the explorer there works; return the page."""
+    page.goto(address)
+    page.wait_for_function('window.explorer?.times.length')
+    return page
+
+
 @pytest.fixture(scope='module')
 def opened(browser):
     """Return the page, opened from its file, with what it asked of the network and its errors."""
@@ -74,8 +81,7 @@ def opened(browser):
     page.asked, page.errors = [], []
     page.on('request', lambda request: page.asked.append(request.url))
     page.on('pageerror', lambda error: page.errors.append(str(error)))
-    page.goto(PAGE.as_uri())
-    page.wait_for_function('window.explorer?.times.length')
+    visit(page, PAGE.as_uri())
     return page
 
 
@@ -335,13 +341,18 @@ def centre(page, selector):
     return box['x'] + box['width'] / 2, box['y'] + box['height'] / 2
 
 
+def drag(page, x, y, right, down, steps):
+    """Drag from a point [px]."""
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + right, y + down, steps=steps)
+    page.mouse.up()
+
+
 def test_a_drag_moves_the_demand_and_fails_to_leave_the_set(page):
     page.locator('#shown button[value="roll,pitch"]').click()
     x, y = centre(page, '#section')
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + 300, y, steps=10)
-    page.mouse.up()
+    drag(page, x, y, 300, 0, steps=10)
     assert page.locator('#status').inner_text() == 'PRIORITIZED'
     roll = page.evaluate('explorer.state.demand[1]')
     assert roll > 2.8
@@ -389,9 +400,7 @@ def test_a_click_on_a_rotor_fails_it_and_the_address_keeps_the_case(page, browse
     page.mouse.click(*(np.array(spot) * 0.75 + np.array(middle) * 0.25))
     assert page.evaluate('explorer.state.health') == [1, 1, 1, 1, 0, 1]
     assert 'Rotor 5 lost' in page.locator('#words').inner_text()
-    other = browser.new_page()
-    other.goto(page.url)
-    other.wait_for_function('window.explorer?.times.length')
+    other = visit(browser.new_page(), page.url)
     assert other.evaluate('explorer.state') == page.evaluate('explorer.state')
     assert other.locator('#words').inner_text() == page.locator('#words').inner_text()
     other.close()
@@ -447,9 +456,7 @@ def test_the_command_writes_a_page_that_begins_with_the_vehicle(browser, tmp_pat
     file, out = tmp_path / 'mine.yaml', tmp_path / 'page.html'
     file.write_text(VEHICLES['y6'].replace('name: y6', 'name: mine </script>'))
     assert main(['explore', str(file), '--out', str(out)]) == 0
-    page = browser.new_page()
-    page.goto(out.as_uri())
-    page.wait_for_function('window.explorer?.times.length')
+    page = visit(browser.new_page(), out.as_uri())
     assert page.locator('#vehicle option:checked').inner_text() == 'mine </script>'
     assert 'Hover' not in page.locator('#words').inner_text()
     assert capsys.readouterr().err == ''
@@ -482,9 +489,7 @@ def test_an_address_that_is_wrong_is_refused_in_a_line_and_shows_the_default(pag
         assert said.startswith(f'address: {fault}') or fault in said, said
         assert page.evaluate('explorer.state.health') == [1] * 8
         page.evaluate('document.querySelector("#fault").textContent = ""')
-    other = browser.new_page()
-    other.goto(f'{PAGE.as_uri()}#vehicle=mine')
-    other.wait_for_function('window.explorer?.times.length')
+    other = visit(browser.new_page(), f'{PAGE.as_uri()}#vehicle=mine')
     assert 'vehicle: expected one of' in other.locator('#fault').inner_text()
     assert other.locator('#rotors div').count() == 6
     other.close()
@@ -507,11 +512,8 @@ def test_a_link_to_a_vehicle_that_is_not_shipped_carries_its_file(browser, tmp_p
     file, out = tmp_path / 'hexarotor.yaml', tmp_path / 'page.html'
     file.write_text(yaml_of(with_value('vehicle.mass', 1.25)))
     assert main(['explore', str(file), '--out', str(out)]) == 0
-    page = browser.new_page()
-    page.goto(out.as_uri())
-    page.wait_for_function('window.explorer?.times.length')
-    page.goto(PAGE.as_uri() + '#' + page.url.partition('#')[2])
-    page.wait_for_function('window.explorer?.times.length')
+    page = visit(browser.new_page(), out.as_uri())
+    visit(page, PAGE.as_uri() + '#' + page.url.partition('#')[2])
     assert page.evaluate('explorer.state.demand[0]') == pytest.approx(1.25 * 9.81)
     page.close()
 
@@ -679,9 +681,7 @@ def test_a_story_says_in_a_sentence_what_its_values_are(page, name, width):
 
 
 def test_the_page_opens_on_the_case_of_readme(browser):
-    page = browser.new_page()
-    page.goto(PAGE.as_uri())
-    page.wait_for_function('window.explorer?.times.length')
+    page = visit(browser.new_page(), PAGE.as_uri())
     assert page.evaluate('explorer.state.demand') == [9.81, 3, 0, 0]
     assert page.evaluate('explorer.state.beside') == 'pseudo_inverse'
     assert page.locator('#sentence').inner_text().startswith('Asked for 3 N m of roll')
@@ -738,17 +738,12 @@ def test_a_vehicle_without_inertia_is_shown_and_says_why_it_does_not_fly(page):
 def test_without_webgl_the_page_says_so_and_shows_the_sections(browser):
     plain = browser.browser_type.launch(
         executable_path=CHROMIUM, args=['--no-sandbox', '--disable-3d-apis'])
-    page = plain.new_page()
-    page.goto(PAGE.as_uri())
-    page.wait_for_function('window.explorer?.times.length')
+    page = visit(plain.new_page(), PAGE.as_uri())
     assert 'no WebGL' in page.locator('#nowebgl').inner_text()
     page.locator('#story button[value=lost]').click()
     assert page.locator('#section polygon.face').count() == 1
     x, y = centre(page, '#section')
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + 60, y, steps=3)
-    page.mouse.up()
+    drag(page, x, y, 60, 0, steps=3)
     assert page.evaluate('explorer.state.demand[1]') > 0.5
     page.locator('#fly').click()
     page.wait_for_function('explorer.flights.time > 0.2')
@@ -873,20 +868,14 @@ def test_the_ring_moves_in_the_plane_of_roll_and_pitch_and_with_shift_along_yaw(
       const {set} = explorer.stages, at = set.project(set.demand);
       return [left + at.x, top + at.y];
     }""")
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + 80, y - 15, steps=4)
-    page.mouse.up()
+    drag(page, x, y, 80, -15, steps=4)
     _, roll, pitch, yaw = page.evaluate('explorer.state.demand')
     assert abs(roll) > 0.1
     assert abs(pitch) > 0.1
     assert yaw == pytest.approx(0.0, abs=1e-6)
     page.locator('#hover').click()
     page.keyboard.down('Shift')
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x, y - 30, steps=4)
-    page.mouse.up()
+    drag(page, x, y, 0, -30, steps=4)
     page.keyboard.up('Shift')
     _, roll, pitch, yaw = page.evaluate('explorer.state.demand')
     assert (roll, pitch) == pytest.approx((0.0, 0.0), abs=1e-6)
@@ -895,9 +884,7 @@ def test_the_ring_moves_in_the_plane_of_roll_and_pitch_and_with_shift_along_yaw(
 
 def test_a_finger_drags_the_ring_and_scrolls_the_page_elsewhere(browser):
     context = browser.new_context(viewport={'width': 390, 'height': 844}, has_touch=True)
-    page = context.new_page()
-    page.goto(PAGE.as_uri())
-    page.wait_for_function('window.explorer?.times.length')
+    page = visit(context.new_page(), PAGE.as_uri())
     page.evaluate('document.querySelector("#setcard").scrollIntoView()')
     touch = context.new_cdp_session(page)
 
@@ -955,8 +942,7 @@ def test_a_link_is_copied_where_others_can_open_the_address(browser, page):
     context = browser.new_context(permissions=['clipboard-read', 'clipboard-write'])
     other = context.new_page()
     other.route('**/*', lambda route: route.fulfill(path=PAGE, content_type='text/html'))
-    other.goto('https://pages.example/explorer.html')
-    other.wait_for_function('window.explorer?.times.length')
+    visit(other, 'https://pages.example/explorer.html')
     other.locator('#copy').click()
     other.get_by_text('Copied').wait_for()
     copied = other.evaluate('navigator.clipboard.readText()')
