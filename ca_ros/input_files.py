@@ -29,7 +29,7 @@ def read_text(
     """
     with os.fdopen(_opened(path, most), 'rb') as file:
         try:
-            # It may have grown meanwhile.
+            # The file may have grown meanwhile.
             data = file.read(most)
             return TextIOWrapper(BytesIO(data), encoding, newline=newline).read()
         except OSError as error:

@@ -106,7 +106,7 @@ class Certificate(Generic[Number]):
         )
 
     def __repr__(self) -> str:
-        """Return the same, with the class."""
+        """Return the summary, with the class."""
         return f'{type(self).__name__}: {self}'
 
 

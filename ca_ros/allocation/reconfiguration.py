@@ -251,7 +251,7 @@ def _built_from(settings: Any) -> dict[str, Any]:
 
 
 class ProblemReconfiguration(Reconfiguration[Made]):
-    """The same for a problem without a vehicle, in the file that the settings name.
+    """What is believed of a problem without a vehicle, in the file that the settings name.
 
     Its matrix may change.  Only other sources report the health of effectors, and those that are
     stuck: by effector, from 1, the value.

@@ -74,7 +74,7 @@ class Reduced(Allocator):
         self._rows = np.array([axes.index(axis) for axis in method.problem.axes], dtype=int)
 
     def __repr__(self) -> str:
-        """Return the same as of the method, with the lost axes."""
+        """Return the line of the method, with the lost axes."""
         lost = ', '.join(self.lost_axes) or 'none'
         within = '' if self._answering is self.method else f'{type(self._answering).__name__}: '
         return within + f'{super().__repr__()}, lost axes {lost}'.replace(
@@ -86,7 +86,7 @@ class Reduced(Allocator):
         return self.problem.axes if self.audit.independent.powerless else self.audit.lost
 
     def within(self, limited: Any) -> Reduced:
-        """Return the same with the method within rates."""
+        """Return this allocator with its method within rates."""
         return Reduced(
             self.problem, self._kind, self.method, self.audit, self.settings, limited)
 

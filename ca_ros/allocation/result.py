@@ -208,7 +208,7 @@ class Allocation(Answer[float]):
         return f'{self.status.name}: {", ".join(parts)}'
 
     def __repr__(self) -> str:
-        """Return the same, with the thrusts."""
+        """Return status and wrench, with the thrusts."""
         size = np.array2string(self.thrusts, precision=4, separator=', ', max_line_width=10**6)
         return f'Allocation: {self}; {self.problem.effector_kind} at {size}{self.problem.unit}'
 
@@ -317,7 +317,7 @@ class AllocationBatch(Answer[Array]):
             **{f'{kind}_{name}': self.thrusts[:, i] for i, name in enumerate(names)}})
 
     def __repr__(self) -> str:
-        """Return the same, with the problem."""
+        """Return the counts of answers, with the problem."""
         return f'AllocationBatch: {self}; {self.problem.described}'
 
     def __str__(self) -> str:

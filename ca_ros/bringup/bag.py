@@ -83,7 +83,7 @@ class Bag:
         """Write the messages that arrived since the last call, with their times of arrival."""
         for topic, subscription in self._subscriptions.items():
             with subscription.handle:
-                # This takes a fraction of the time of an executor.
+                # Taking messages here needs a fraction of the time of an executor.
                 while taken := subscription.handle.take_message(subscription.msg_type, True):
                     self._put(topic, *taken)
 

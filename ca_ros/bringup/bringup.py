@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     finally:
         try_shutdown()
         if new:
-            # This fails if the folder holds a flight.
+            # A folder that holds a flight is not empty, and stays.
             with suppress(OSError):
                 new.rmdir()
 

@@ -91,7 +91,7 @@ class Parameters:
         given = renamed({name: each.value for name, each in given_parameters(node).items()})
         self._declared = declared
         self._own = own = own_methods(str(given.get('allocation.method')))
-        # Before rclpy compares the values with the ranges, because its message says less.
+        # Checked before rclpy compares the values with the ranges: its message says less.
         check_given(given, names := table(known, own=own))
         try:
             self.settings: Any = read(declared, given, own=own)
@@ -108,7 +108,7 @@ class Parameters:
             listed = ', '.join(self.unknown)
             node.get_logger().warning(f'no parameters of this node: {listed}')
         for name in {*others} - {*self.unknown}:
-            # Those are rclpy's own, which reads them when it subscribes.
+            # rclpy itself reads the overrides of these two topics when it subscribes.
             if not name.startswith(('qos_overrides./clock.', 'qos_overrides./parameter_events.')):
                 node.get_logger().warning(f'{name}: {CONTRACT}')
         self.mode = mode_of(self.settings)

@@ -133,7 +133,7 @@ class Audit:
         return self.summary
 
     def __repr__(self) -> str:
-        """Return the same, with the problem."""
+        """Return the audit in one line, with the problem."""
         return f'{type(self).__name__}: {self.full.described}: {self}'
 
     @cached_property

@@ -65,7 +65,7 @@ def _distance(rows: Array, i: int) -> float:
 
 
 def _distances(rows: Array) -> Array | None:
-    """Return the same; None if the least is below `DEPENDENT` and needs more care."""
+    """Return `_distance` of all `unit_rows` (m,); None if one may be below `DEPENDENT`."""
     left, singular, _ = np.linalg.svd(rows, full_matrices=False)
     if rows.shape[0] > rows.shape[1] or singular[-1] <= DEPENDENT:
         return None

@@ -128,7 +128,7 @@ class BoxProgram:
 
 
 class SetsProgram:
-    """The same over effectors that are vectors in convex sets."""
+    """The programs over effectors that are vectors in convex sets."""
 
     kernel = 'vectored'
     served_rounding, reference_rounding = 1e-6, 1e-9

@@ -177,7 +177,7 @@ class SetsPrioritization:
                 if length >= most:
                     run.hold(rows, u[rows], u[rows])
                 return
-            # These can be at their demands, and are not to exceed them.
+            # Axes that went beyond can be at their demands: hold them there, and begin again.
             run.__dict__.update(before.__dict__)
             ahead = [row for row, each in zip(rows, beyond, strict=True) if each]
             run.hold(ahead, u[ahead], u[ahead])

@@ -259,7 +259,7 @@ class Box:
         return np.minimum(np.maximum(points, self.lower), self.upper)
 
     def saturate(self, points: Array) -> Array:
-        """Return the same: numbers saturate at their bounds."""
+        """Return the projection: numbers saturate at their bounds."""
         return self.project(points)
 
     def support(self, slopes: Array) -> Array:

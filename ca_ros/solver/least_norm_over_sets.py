@@ -294,7 +294,10 @@ def _solved(bend: Array, slope: Array, raised: bool = True) -> Array:
 
 
 def _beside(bend: Array, e: Array, slope: Array, damping: float) -> Array:
-    """Return the same for a way normal to e, a unit vector; damping raises small curvatures."""
+    """Return the way normal to e, a unit vector, with ``bend way = slope`` but along e.
+
+    Damping raises small curvatures.
+    """
     if len(e) == 1:
         return np.zeros(1)
     normal = np.linalg.svd(e[None])[2][1:]

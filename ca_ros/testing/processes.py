@@ -73,7 +73,7 @@ class GraphProcesses:
         self._children = Processes()
         self._exit_codes: dict[Process, Sequence[int]] = {}
         self._awaited: set[Process] = set()
-        # Those whose end has failed a wait already.
+        # Processes whose end has failed a wait already.
         self._reported: set[Process] = set()
         self.opened.append(self)
         self._ending.callback(self.opened.remove, self)

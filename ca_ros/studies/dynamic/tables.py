@@ -52,7 +52,7 @@ BEYOND: dict[str, Callable[[Metrics], str]] = {
     'recovered': lambda own: 'yes' if own['recovered'] else 'lost',
     'height lost [m]': lambda own: f'{own["height_lost"]:.2f}',
 }
-"""The same for the second table, of metrics that the paper leaves out."""
+"""A cell of each column of the second table, of metrics that the paper leaves out."""
 
 
 def document(found: Metrics) -> str:
