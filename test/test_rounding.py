@@ -137,7 +137,7 @@ SHARED = {
     'priorities.c': {
         'ZERO': lp.ZERO, 'SLACK': lp.SLACK, 'RATE_MIN': lp.RATE_MIN, 'MAGNIFIED': lp.MAGNIFIED,
         'PIVOTS_PER_VARIABLE': lp.PIVOTS_PER_VARIABLE, 'AT_BOUND': lp.AT_BOUND,
-        'NEAR': lp.NEAR, 'INSIDE': prioritization.INSIDE,
+        'NEAR': lp.NEAR, 'SPREAD': lp.SPREAD, 'INSIDE': prioritization.INSIDE,
         'REST': prioritization.REST, 'ERROR_FACTOR': prioritization.ERROR_FACTOR},
     'priorities.h': {
         'CA_LAG': prioritization.LAG, 'CA_LAG_RATIO': prioritization.LAG_RATIO},

@@ -123,12 +123,13 @@ def test_single_precision_serves_what_double_precision_does(seed):
     assert not len(off), wrenches[off]
 
 
-@pytest.mark.parametrize('seed', [1788, 2336, 2860, 3096, 3341, 3834])
+@pytest.mark.parametrize('seed', [1157, 1788, 2336, 2860, 3096, 3341, 3834])
 def test_wrenches_almost_at_an_edge_are_served_as_those_around_them(seed):
     """In single precision these lie 1e-8 beside an edge, where pivots are as small.
 
     In 2336 and 3096 those around them lie 1e-6 beside a plane of symmetry, and the line to them
-    begins where a thrust is at its bound.
+    begins where a thrust is at its bound; in 1157, where several would be if one rotor
+    alone made up for another one that is lost.
     """
     rng = seeded(seed)
     problem = drawn_problem(rng)

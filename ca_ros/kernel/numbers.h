@@ -68,7 +68,8 @@
  * SLACK               1e-12   1e-6   rounding of a variable after some moves
  * ERROR_FACTOR        10      1      pivots after one another, each with its error
  * PARALLEL            1e-3    1e-3   facets that a wrench 1e-9 away exchanges: no face is taken
- * AT_BOUND, NEAR: 0.1, 1e-3: no basis begins where a thrust blocks at once, with a small pivot
+ * AT_BOUND, NEAR: 0.1, 1e-3, SPREAD: 0.9: no basis begins where a thrust blocks at once, with a small
+ *                     pivot
  * INSIDE, LAG, LAG_RATIO, REST: 0.99, 1e-3, 1e-6, 1e-9: of the priorities, not of rounding
  * NONE, CLEAR         1e-10, 1e-3, single 1e-6, 1e-2: a normal of rounded factors; between them it is
  *                     left to the simplex method

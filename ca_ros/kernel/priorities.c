@@ -59,6 +59,8 @@ typedef ca_real real;
  * a move. */
 #define AT_BOUND REAL(0.1)
 #define NEAR REAL(1e-3)
+/* Greatest share of the way to a bound where a line begins, if it need not be nearer to it. */
+#define SPREAD REAL(0.9)
 /* Bound of the pivots of one push, per variable. */
 #define PIVOTS_PER_VARIABLE 3
 /* Greatest share of the way to the boundary of the set where a line may begin. */
@@ -343,6 +345,40 @@ static void push(simplex *s, int v, real goal)
     hold(s, v, goal);
 }
 
+/* Move basic variable v towards a goal by all nonbasic variables, each in proportion to its rate, so
+ * that few thrusts end at their bounds: at most SPREAD of the way to the first bound. */
+static void spread(simplex *s, int v, real goal)
+{
+    const int target = s->place[v];
+    real square = 0, share = 1, changes[ROWS + COLUMNS];
+    for (int j = 0; j < s->columns; j++)
+        if (s->lower[ROWS + j] < s->upper[ROWS + j])
+            square += s->rates[target][j] * s->rates[target][j];
+    if (!(square > 0))
+        return;
+    const real factor = (goal - s->value[target]) / square;
+    for (int r = 0; r < s->rows; r++)
+        changes[r] = 0;
+    for (int j = 0; j < s->columns; j++) {
+        const int moves = s->lower[ROWS + j] < s->upper[ROWS + j];
+        changes[ROWS + j] = moves ? factor * s->rates[target][j] : 0;
+        for (int r = 0; r < s->rows; r++)
+            changes[r] += changes[ROWS + j] * s->rates[r][j];
+    }
+    for (int i = 0; i < ROWS + s->columns; i++) {
+        if (i >= s->rows && i < ROWS)
+            continue;
+        const real room = changes[i] > 0 ? s->upper[i] - s->value[i] : s->lower[i] - s->value[i];
+        if (share * real_abs(changes[i]) > SPREAD * real_abs(room))
+            share = SPREAD * room / changes[i];
+    }
+    for (int i = 0; i < ROWS + s->columns; i++)
+        if (i < s->rows || i >= ROWS)
+            s->value[i] += share * changes[i];
+    if (share >= 1)
+        s->value[target] = goal;
+}
+
 /* Fix variable v at its value, and make it nonbasic. */
 static void release(simplex *s, int v)
 {
@@ -610,8 +646,10 @@ static void go_to_line(const ca_problem *p, int moved, const real *begin, simple
     begin_in_middle(p, moved || p->widened, s);
     for (int i = 0; first > 1 && i < first; i++) {
         const int axis = p->order[i], v = CA_ROTORS(p) + axis;
-        if (!moved)
+        if (!moved) {
+            spread(s, v, begin[i]);
             approach(s, v, begin[i]);
+        }
         release(s, v);
     }
 }
@@ -781,6 +819,7 @@ void ca_priorities_set_up(ca_problem *p, int on_reference)
             const real at = reference[p->order[i]];
             p->begin[i] = (ca_real)(part * at);
             p->on_reference = p->on_reference && ca_equal(p->begin[i], (ca_real)at);
+            spread(&s, n + p->order[i], (real)p->begin[i]);
             approach(&s, n + p->order[i], (real)p->begin[i]);
             release(&s, n + p->order[i]);
         }

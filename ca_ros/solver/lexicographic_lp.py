@@ -13,6 +13,7 @@ MAGNIFIED = 1e-3  # share of `doubt` below which a rate may be magnified roundin
 
 AT_BOUND = 0.1  # weight of the rate of a variable near its bound that is to enter without a move
 NEAR = 1e-3  # distance from a bound that counts as near
+SPREAD = 0.9  # greatest share of the way to a bound where a line begins, if it need not be nearer
 PIVOTS_PER_VARIABLE = 3  # limit of one push; the tests need one at most
 
 
@@ -132,6 +133,32 @@ class Simplex:
         """Return a threshold of rates, above the rounding errors that pivots have magnified."""
         return max(rate, MAGNIFIED * self.doubt)
 
+    def spread(self, v: int, goal: float) -> None:
+        """Move basic variable v towards a goal by all nonbasic ones, in proportion to their rates.
+
+        Few thrusts end at their bounds: it goes at most `SPREAD` of the way to the first bound.
+        """
+        value, lower, upper = self.value, self.lower, self.upper
+        row = self._rates[self._basic.index(v)]
+        moves = [rate * (lower[x] < upper[x]) for rate, x in zip(row, self._nonbasic, strict=True)]
+        square = sum(rate * rate for rate in moves)
+        if not square > 0.0:
+            return
+        factor = (goal - value[v]) / square
+        changes = {x: factor * rate for x, rate in zip(self._nonbasic, moves, strict=True)}
+        for x, rates in zip(self._basic, self._rates, strict=True):
+            ways = zip(changes.values(), rates, strict=False)
+            changes[x] = sum(way * rate for way, rate in ways)
+        share = 1.0
+        for x, change in changes.items():
+            room = upper[x] - value[x] if change > 0.0 else lower[x] - value[x]
+            if share * abs(change) > SPREAD * abs(room):
+                share = SPREAD * room / change
+        for x, change in changes.items():
+            value[x] += share * change
+        if share == 1.0:
+            value[v] = goal
+
     def release(self, v: int) -> None:
         """Fix variable v at its value, and make it nonbasic."""
         self.lower[v] = self.upper[v] = self.value[v]
@@ -162,6 +189,7 @@ class Simplex:
     def hold(self, rows: Sequence[int], goals: Sequence[float]) -> None:
         """Push variables to their goals, one after the other, and release each there."""
         for v, goal in zip(rows, goals, strict=True):
+            self.spread(v, goal)
             self.push(v, goal)
             self.release(v)
 
