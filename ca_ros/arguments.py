@@ -133,6 +133,16 @@ def add_rotor_numbers(parser: argparse.ArgumentParser, coefficient: str) -> None
     parser.add_argument('--thrust-coefficient', type=finite, required=True, help=coefficient)
 
 
+def add_recording(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what commands and motion of a recorded flight mean."""
+    parser.add_argument(
+        '--throttle', choices=['linear', 'quadratic', 'curve'], help='commands are throttles from '
+        '0 to 1; the thrust is linear in them, or quadratic, or as in rotors.thrust_curve')
+    parser.add_argument(
+        '--frame', choices=['flu', 'frd'], default='flu', help='of gyro and accelerometer: '
+        'forward-left-up or forward-right-down')
+
+
 def split(argv: Sequence[str]) -> tuple[list[str], list[str]]:
     """Split a command line into its own arguments and those of ROS (--ros-args to the next --)."""
     own: list[str] = []

@@ -77,6 +77,13 @@ def fly_over_ros(graph, folder, case, duration, *words):
     return folder / 'flight.csv'
 
 
+def ended(graph, process, code):
+    """Wait until a process ends with an exit code; return its output and its errors."""
+    out, err = graph.outlive(process)
+    assert process.returncode == code, out + err
+    return out, err
+
+
 PACES = 1.0, 0.3, 0.1
 """Real time factors; with the last a loop of nodes keeps up even where it is starved."""
 

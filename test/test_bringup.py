@@ -24,7 +24,7 @@ from ca_ros.parameter_files import DECLARED
 from ca_ros.process import processes
 from ca_ros.testing import DEADLINE, executable
 from ca_ros_cli import NODES
-from nodes import fly_in_real_time, fly_offline, read
+from nodes import ended, fly_in_real_time, fly_offline, read
 from strategies import file_values, length
 
 HOVER_SPEED = math.sqrt(1.0 * 9.81 / (6 * 2.5e-5))
@@ -105,8 +105,7 @@ def test_a_dump_of_parameters_is_a_vehicle(graph, tmp_path):
 def flown_briefly(graph, *arguments):
     """Fly for 0.1 s, too short for the waypoint; return what was said."""
     flight = graph.start('bringup', '--duration', '0.1', *arguments)
-    out, err = graph.outlive(flight)
-    assert flight.returncode == 1, out + err
+    out, err = ended(graph, flight, 1)
     assert out.startswith('flight of 0.10 s (lockstep, 11 samples'), out + err
     assert 'within bounds' in out
     assert 'MISSED' in out
@@ -224,8 +223,7 @@ def test_a_signal_while_the_nodes_start_ends_all(graph, tmp_path, number, code):
     flight = graph.start('bringup', '--out', str(tmp_path))
     graph.spin_until(lambda: len(graph.alive()) == 4, 'four processes')
     flight.send_signal(number)
-    out, err = graph.outlive(flight)
-    assert flight.returncode == code, out + err
+    _, err = ended(graph, flight, code)
     assert 'Traceback' not in err
     assert graph.alive() == []
 
@@ -233,8 +231,7 @@ def test_a_signal_while_the_nodes_start_ends_all(graph, tmp_path, number, code):
 def test_an_interrupted_flight_is_written(graph, tmp_path):
     flight = fly_on(graph, '--out', str(tmp_path))
     flight.send_signal(signal.SIGINT)
-    out, err = graph.outlive(flight)
-    assert flight.returncode == 130, out + err
+    out, err = ended(graph, flight, 130)
     assert err.splitlines()[-1] == 'bringup: interrupted by SIGINT'
     header, *rows = (tmp_path / 'flight.csv').read_text().splitlines()
     assert header.startswith('t,x,y,z')
@@ -263,8 +260,7 @@ def test_it_says_which_node_died_and_ends_the_others(graph, tmp_path):
         child for child in psutil.Process(flight.pid).children(recursive=True)
         if 'allocator' in ' '.join(child.cmdline()).replace('allocation', '')]
     victim.kill()
-    out, err = graph.outlive(flight)
-    assert flight.returncode == 1, out + err
+    _, err = ended(graph, flight, 1)
     [line] = [line for line in err.splitlines() if line.startswith('bringup')]
     assert 'allocator' in line
     assert '-9' in line

@@ -22,7 +22,7 @@ from ca_ros.simulation.record import Flight
 from ca_ros.simulation.rigid_body import RigidBody, euler
 from ca_ros.vehicle.files import shipped_vehicles
 from ca_ros.vehicle.state import ATTITUDE, NULL_STATE
-from nodes import read
+from nodes import ended, read
 from strategies import FLEET, build, length, ring, rk4
 
 mujoco = pytest.importorskip('mujoco')
@@ -100,8 +100,7 @@ def fly(graph, folder, *arguments):
         'bringup', '--figures', 'none',
         '--plant', f"'{sys.executable}' '{FOLDER / 'plant.py'}'", '--mode', 'lockstep',
         '--duration', '12', '--out', str(folder), *arguments)
-    out, err = graph.outlive(flight)
-    assert flight.returncode == 0, out + err
+    out, err = ended(graph, flight, 0)
     assert 'bringup: ' not in err
     return out, read(folder)
 

@@ -24,7 +24,7 @@ from ca_ros.studies.cases import Case
 from ca_ros.studies.dynamic.study import main as dynamic_study
 from ca_ros.testing import Diagnostics, wrench
 from ca_ros.vehicle.files import find
-from nodes import host
+from nodes import ended, host
 from strategies import length, settings_of
 
 HOVER = Waypoint.of(0.0, 0.0, 0.0, 0.0)
@@ -219,8 +219,7 @@ def test_failures_and_waypoints_over_dds_equal_those_offline_to_the_last_bit(
         'bringup', '--figures', 'none',
         '--mode', 'lockstep', '--duration', '1.5', '--trajectory', str(path),
         '--out', str(tmp_path), *failure_words(failures))
-    out, err = graph.outlive(process)
-    assert process.returncode == 1, out + err
+    out, _ = ended(graph, process, 1)
     words = 'MISSED', 'heading is given up', 'rotor 1 lost, rotor 2 at 50 %', 'within bounds'
     assert [word for word in words if word not in out] == []
     case, trajectory = case_of('hexarotor'), Trajectory.read(path)
@@ -240,8 +239,7 @@ def test_a_vehicle_that_starts_without_a_rotor_is_judged_by_what_it_has(graph, t
         '--waypoint', '0', '0', '0', '--heading', '0', '--ros-args',
         '-p', 'rotors.health:=[0.0, 1.0, 1.0, 1.0, 1.0, 1.0]',
         '-p', 'allocation.lost_axes:=drop')
-    out, err = graph.outlive(process)
-    assert process.returncode == 0, out + err
+    out, _ = ended(graph, process, 0)
     for words in ('reached: 0.', 'the heading is given up', 'within bounds'):
         assert words in out
 

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ca_ros.arguments import command
+from ca_ros.arguments import add_recording, command
 from ca_ros.input_files import read_text
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import find
@@ -29,10 +29,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='CSV, npz or ULog; with several, R^2 is that of each flight by the others')
     add('vehicle', help='a shipped vehicle or a parameter file, with mass, arms and a first guess '
         'of the inertia')
-    add('--throttle', choices=['linear', 'quadratic', 'curve'], help='commands are throttles from '
-        '0 to 1; the thrust is linear in them, or quadratic, or as in rotors.thrust_curve')
-    add('--frame', choices=['flu', 'frd'], default='flu', help='of gyro and accelerometer: '
-        'forward-left-up or forward-right-down')
+    add_recording(parser)
     add('--measured', action='store_true', help='use speed_measured_* instead of command_*')
     add('--out', type=Path, metavar='YAML', help='write a copy of the file with what is sure')
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ca_ros.arguments import command
+from ca_ros.arguments import add_recording, command
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.replay import WAIT, Replay, motion_of, replay, without_rotor
 from ca_ros.settings import ParameterError, read
@@ -23,10 +23,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add('flight', type=Path, metavar='FLIGHT', help='CSV, npz or ULog: see docs/identify.md')
     add('vehicle', help='a shipped vehicle or a parameter file, with the settings detector.*')
-    add('--throttle', choices=['linear', 'quadratic', 'curve'], help='commands are throttles from '
-        '0 to 1; the thrust is linear in them, or quadratic, or as in rotors.thrust_curve')
-    add('--frame', choices=['flu', 'frd'], default='flu', help='of gyro and accelerometer: '
-        'forward-left-up or forward-right-down')
+    add_recording(parser)
     add('--inject', action='append', default=[], metavar='ROTOR@T', help='take a rotor from the '
         'recorded motion at a time [s] since its beginning; may be given several times')
     add('--figure', type=Path, metavar='FILE', help='draw the first minute, or that of the first '

@@ -90,11 +90,16 @@ def _mark_all(axes: Axes, study: Flights) -> None:
         figures.mark(axes, study.marks(name))
 
 
+def _sheet(study: Flights, last_second: bool = False) -> tuple[dict[str, Flight], Figure, Any]:
+    """Return a flight of each of the `coinciding_groups`, and a figure with their legend."""
+    groups = coinciding_groups(study, last_second)
+    figure, body = figures.sheet(5.4, [*entries_of(groups, coinciding=True), *_kinds(study)])
+    return {names[0]: study.flights[names[0]] for names in groups}, figure, body
+
+
 def _draw_position(study: Flights) -> Figure:
     """Draw the position over time, and the error in the last second."""
-    groups = coinciding_groups(study, last_second=True)
-    flights = {names[0]: study.flights[names[0]] for names in groups}
-    figure, body = figures.sheet(5.4, [*entries_of(groups, coinciding=True), *_kinds(study)])
+    flights, figure, body = _sheet(study, last_second=True)
     panels = body.subplots(3, 2, sharex='col', width_ratios=(figures.across(3, 1.5), 1))
     for i, (whole, last) in enumerate(panels):
         goal = float(study.trajectory.last.position[i])
@@ -116,11 +121,9 @@ def _draw_position(study: Flights) -> Figure:
 
 def _draw_attitude(study: Flights) -> Figure:
     """Draw the attitude over time."""
-    groups, waypoint = coinciding_groups(study), study.trajectory.last
-    flights = {names[0]: study.flights[names[0]] for names in groups}
-    figure, body = figures.sheet(5.4, [*entries_of(groups, coinciding=True), *_kinds(study)])
+    flights, figure, body = _sheet(study)
     panels = body.subplots(3, 1, sharex=True)
-    goals = (None, None, float(np.degrees(waypoint.heading)))
+    goals = (None, None, float(np.degrees(study.trajectory.last.heading)))
     for i, (name, axes) in enumerate(zip(('roll', 'pitch', 'heading'), panels, strict=True)):
         angles = {
             method: np.degrees(flight.heading if name == 'heading' else flight.euler[:, i])
