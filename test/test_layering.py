@@ -252,3 +252,13 @@ def test_no_modules_import_each_other_in_a_circle():
         for name in ends:
             del left[name]
     assert not left
+
+
+def test_few_places_ask_which_kind_of_problem_it_is():
+    asked = [
+        f'{file.relative_to(PACKAGE)}: {ast.unparse(call)}'
+        for file in PACKAGE.rglob('*.py') for call in ast.walk(ast.parse(file.read_text()))
+        if isinstance(call, ast.Call) and ast.unparse(call.func) == 'isinstance'
+        and ast.unparse(call.args[1]) in ('Box', 'ConvexSets', 'VehicleProblem')]
+    # `backend_of`, and four others.
+    assert len(asked) <= 5, asked

@@ -605,7 +605,7 @@ def test_baselines_keep_angles_and_thrusts(name):
     low, high = problem.sets.length_limits
     clipped = make_allocator('pseudo_inverse', problem).allocate_batch(wrenches)
     least = np.array([isinstance(each, Interval) for each in problem.sets.sets])
-    sizes = np.where(least, 0.0, problem.sizes(clipped.thrusts))
+    sizes = np.where(least, 0.0, problem.sets.sizes(clipped.thrusts))
     assert (sizes <= np.where(least, 0.0, high) + 1e-12).all()
     assert (sizes >= np.where(least, 0.0, low) - 1e-12).all()
     # Weighted least squares costs less than the answer of any other method.

@@ -15,6 +15,7 @@ from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.arrays import Array
 from ca_ros.problem.audit import Audit, accepted, audit
 from ca_ros.problem.problem import AllocationProblem
+from ca_ros.problem.vehicle_problem import vehicle_of
 from ca_ros.settings import ParameterError, Settings, settings_of
 from ca_ros.vehicle.validation import counts
 from ca_ros.vehicle.vehicle import Vehicle
@@ -62,6 +63,8 @@ class Allocator(ABC):
     """What holds for every result, for the same table."""
     takes_vectors: ClassVar[bool] = False
     """Whether the effectors may be vectors in sets, see `AllocationProblem`."""
+    keeps_tilt_rates: ClassVar[bool] = False
+    """Whether the settings are those of `exact`, which `TiltLimited` takes."""
     engine: str = 'NumPy'
     """What works out the thrusts."""
     missed: Status = Status.INEXACT
@@ -222,13 +225,39 @@ class Allocator(ABC):
         ValueError
             If there are no rates, or they are not positive.
         """
-        from ca_ros.allocation import SlewLimited, limited
+        from ca_ros.allocation import SlewLimited
 
         tilting = len(self.problem.turning_rates) > 0
-        found = limited(self, rates, braking) if rates is None or tilting else None
+        found = self.limited(rates, braking) if rates is None or tilting else None
         if found is None and tilting:
             raise ValueError('rates: the vehicle has no rotors.acceleration_max; give rates')
         return found or SlewLimited(self, rates, braking)
+
+    def limited(self, rates: ArrayLike | None = None, braking: ArrayLike | None = None) -> Any:
+        """Return what allocates within the rates of the effectors; None if there are none.
+
+        Raises a ParameterError if rotors tilt, and the method does not keep their rates.
+
+        `rates`, `braking`: of the rotors, instead of those of the vehicle.
+        """
+        from ca_ros.allocation import UNLIMITED, SlewLimited, TiltLimited
+
+        pair: Any = self.problem.rates
+        if rates is not None:
+            pair = rates, rates if braking is None else braking
+        turning = self.problem.turning_rates
+        if pair is None and not turning.any():
+            return None
+        if not len(turning):
+            return SlewLimited(self, *pair)
+        if not self.keeps_tilt_rates:
+            raise ParameterError(
+                f'rotors.acceleration_max, rotors.tilt_rate_max: {type(self).__name__} does not '
+                'keep the rates of rotors that tilt; exact does'
+            )
+        up, down = (UNLIMITED, UNLIMITED) if pair is None else pair
+        turning = np.where(turning > 0.0, turning, UNLIMITED)
+        return TiltLimited(vehicle_of(self.problem), up, turning, self.settings, down)
 
     def _set_up(self) -> None:  # noqa: B027 (most methods need it, not all)
         """Work out what all answers share, from `problem` and `settings`."""
@@ -314,7 +343,7 @@ class Allocator(ABC):
 
         If they are NaN, because there are none, the wrench is rejected.
         """
-        thrusts = self.problem.saturate(wanted)
+        thrusts = self.problem.sets.saturate(wanted)
         violation = float(np.abs(wanted - thrusts).max())
         if violation != violation:
             rest = self.problem.resting_thrusts.copy()
@@ -326,6 +355,9 @@ class AtRest(Allocator):
     """Leaves all effectors at rest for every wrench, with the status INEXACT."""
 
     takes_vectors = True
+
+    def limited(self, rates: ArrayLike | None = None, braking: ArrayLike | None = None) -> None:
+        """Return None: effectors at rest have no rates."""
 
     def _allocate(self, u: Array) -> Allocation:
         thrusts = self.problem.resting_thrusts.copy()

@@ -118,6 +118,7 @@ class Exact(Allocator):
     solves = 'quadratic program: min |f|^2 with Gamma f = u within the bounds'
     guarantees = 'the bounds, and Gamma f = u for every admissible u'
     takes_vectors = True
+    keeps_tilt_rates = True
     settings_type = ExactSettings
     settings: ExactSettings
 

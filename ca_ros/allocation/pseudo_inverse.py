@@ -29,7 +29,7 @@ class PseudoInverse(Allocator):
 
     def _allocate_batch(self, demands: Array) -> AllocationBatch:
         wanted = demands @ self.inverse.T
-        thrusts = self.problem.saturate(wanted)
+        thrusts = self.problem.sets.saturate(wanted)
         violations: Array = np.abs(wanted - thrusts).max(axis=-1, initial=0.0)
         inexact = ~self.problem.is_exact(demands, thrusts)
         status = (inexact * Status.INEXACT).astype(np.int8)

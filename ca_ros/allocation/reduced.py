@@ -85,10 +85,11 @@ class Reduced(Allocator):
         """The axes of the problem that are lost: all of them without any effector."""
         return self.problem.axes if self.audit.independent.powerless else self.audit.lost
 
-    def within(self, limited: Any) -> Reduced:
-        """Return this allocator with its method within rates."""
-        return Reduced(
-            self.problem, self._kind, self.method, self.audit, self.settings, limited)
+    def limited(self, rates: ArrayLike | None = None, braking: ArrayLike | None = None) -> Any:
+        """Return this allocator with its method within rates; see `Allocator.limited`."""
+        inner = self.method.limited(rates, braking)
+        return inner and Reduced(
+            self.problem, self._kind, self.method, self.audit, self.settings, inner)
 
     def allocate(self, u: ArrayLike, *last: Any, **more: Any) -> Allocation:
         """Allocate one wrench; a method within rates takes the last command, see there."""

@@ -88,7 +88,7 @@ class Answer(Generic[Number]):
         Raises a TypeError if the problem has no vehicle.
         """
         problem = vehicle_problem(self.problem)
-        return problem.vehicle.speeds(problem.sizes(self.thrusts))
+        return problem.vehicle.speeds(problem.sets.sizes(self.thrusts))
 
     @property
     def angles(self) -> Array:

@@ -513,14 +513,6 @@ class AllocationProblem:
         sets = self.sets if bounds is None else Box(*bounds)
         return sets.at_bounds(thrusts, EXACT_TOLERANCE)
 
-    def sizes(self, thrusts: Array) -> Array:
-        """Return the number of each effector, or the length of its vector, (..., k)."""
-        return self.sets.sizes(thrusts)
-
-    def saturate(self, thrusts: Array) -> Array:
-        """Return thrusts (..., n) as rotors saturate: angle and length clipped, one by one."""
-        return self.sets.saturate(thrusts)
-
     def clip(self, thrusts: Array) -> Array:
         """Return thrusts (..., n) within their bounds, Eq. (13), or the nearest of the sets."""
         return self.sets.project(thrusts)

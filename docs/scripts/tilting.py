@@ -63,7 +63,7 @@ def sequential(problem: VehicleProblem, u: np.ndarray) -> np.ndarray:
 
     limits = [{'type': 'ineq', 'fun': inside},
               {'type': 'eq', 'fun': lambda x: problem.gamma @ x - u}]
-    start = problem.saturate(np.linalg.pinv(problem.gamma) @ u)
+    start = problem.sets.saturate(np.linalg.pinv(problem.gamma) @ u)
     found = minimize(
         lambda x: x @ x, start, jac=lambda x: 2.0 * x, method='SLSQP', constraints=limits,
         bounds=list(zip(problem.lower, problem.upper, strict=True)),
