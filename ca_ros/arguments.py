@@ -94,8 +94,8 @@ def named(known: Iterable[str]) -> Callable[[str], tuple[str, ...]]:
     def read(text: str) -> tuple[str, ...]:
         names = dict.fromkeys(word.strip() for word in text.split(','))
         if strange := names.keys() - {*known}:
-            expected = f'expected {", ".join(known)}'
-            raise argparse.ArgumentTypeError(f'{", ".join(sorted(strange))!r}: {expected}')
+            raise argparse.ArgumentTypeError(
+                f'{", ".join(sorted(strange))!r}: expected {", ".join(known)}')
         return tuple(names)
 
     return read

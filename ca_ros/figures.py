@@ -76,8 +76,9 @@ def millimetres(text: str) -> float:
             return width
     except ValueError:
         pass
-    expected = f'{", ".join(WIDTHS)} or {NARROWEST:g} to {WIDEST:g} mm'
-    raise argparse.ArgumentTypeError(f'{text!r} is no width of figures; expected {expected}')
+    raise argparse.ArgumentTypeError(
+        f'{text!r} is no width of figures; expected {", ".join(WIDTHS)} or {NARROWEST:g} to '
+        f'{WIDEST:g} mm')
 
 
 def style(width: float = WIDTHS['page']) -> dict[Any, Any]:

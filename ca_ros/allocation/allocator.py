@@ -79,8 +79,10 @@ class Allocator(ABC):
         self.problem = accepted(problem)
         self.settings = settings_of(type(self), self.settings_type, settings, given)
         if not self.takes_vectors:
-            others = 'pseudo_inverse, weighted_pseudo_inverse and weighted_least_squares take both'
-            self.problem.program.refuse_vectors(type(self).__name__, f'exact, {others}')
+            self.problem.program.refuse_vectors(
+                type(self).__name__,
+                'exact, pseudo_inverse, weighted_pseudo_inverse and weighted_least_squares take '
+                'both')
         self._set_up()
 
     def __repr__(self) -> str:

@@ -46,8 +46,9 @@ class Status(IntEnum):
     def __eq__(self, other: object) -> bool:
         """Return whether the other is the status or its number."""
         if isinstance(other, str):
-            right = f'compare status.name with {other!r}, or the status with Status.EXACT'
-            raise TypeError(f'a status is a number with a name: {right}')
+            raise TypeError(
+                f'a status is a number with a name: compare status.name with {other!r}, or the '
+                'status with Status.EXACT')
         return self is other or int.__eq__(self, other)  # type: ignore[arg-type]
 
     def __ne__(self, other: object) -> bool:

@@ -252,8 +252,9 @@ def agreed(parameters: Parameters, asked: Mapping[str, Any]) -> dict[str, Any]:
         own, names = parameters[node], (*asked, *VEHICLE)
         for name, value in asked.items():
             if (found := own.get(name, value)) != value:
-                where = 'see the parameter files and the ROS arguments'
-                raise CaRosError(f'{name} of the {node} is {found}, not {value}: {where}')
+                raise CaRosError(
+                    f'{name} of the {node} is {found}, not {value}: see the parameter files and '
+                    'the ROS arguments')
         lacks = [name for name in names if name in table(DECLARED[node]) and name not in own]
         differs = [name for name in VEHICLE if name in own and own[name] != common[name]]
         if not own:
@@ -284,13 +285,15 @@ class Patience:
             raise CaRosError(what(PROGRESS_TIMEOUT))
         if self._notice.passed():
             self._notices += 1
-            text = f'{what(self._notices * NOTICE)}; waiting up to {PROGRESS_TIMEOUT:g} s'
-            print(f'bringup: {text}', file=sys.stderr)
+            print(
+                f'bringup: {what(self._notices * NOTICE)}; waiting up to {PROGRESS_TIMEOUT:g} s',
+                file=sys.stderr)
             self._notice = Deadline(NOTICE)
 
 
 def _show(progress: float, duration: float) -> None:
     """Show on a terminal how far the flight is [s]; the next line that is printed replaces it."""
     if sys.stderr.isatty():
-        text = f'flight: {min(progress, duration):.1f} of {duration:.1f} s'
-        print(text, end='\r', file=sys.stderr, flush=True)
+        print(
+            f'flight: {min(progress, duration):.1f} of {duration:.1f} s',
+            end='\r', file=sys.stderr, flush=True)

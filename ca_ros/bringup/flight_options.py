@@ -103,5 +103,5 @@ def _delay(text: str) -> float | None:
             return seconds
     except ValueError:
         pass
-    expected = f'neither a time from 0 to {LATEST:g} s nor never'
-    raise argparse.ArgumentTypeError(f'{text!r} is {expected}')
+    raise argparse.ArgumentTypeError(
+        f'{text!r} is neither a time from 0 to {LATEST:g} s nor never')

@@ -71,9 +71,10 @@ class Scenario:
         while (deaf := self._recorder.deaf(self._listeners)) and not limit.passed():
             spin()
         for name in deaf:
-            lacks = f'does not subscribe to {topics.ANNOUNCED_HEALTH.name}'
-            text = f'the {name} {lacks}: it does not learn of rotor failures'
-            print(f'bringup: warning: {text}', file=sys.stderr)
+            print(
+                f'bringup: warning: the {name} does not subscribe to '
+                f'{topics.ANNOUNCED_HEALTH.name}: it does not learn of rotor failures',
+                file=sys.stderr)
         if self._lockstep:
             for time, send in self._events:
                 send(time)

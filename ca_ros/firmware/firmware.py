@@ -61,8 +61,8 @@ class Firmware:
         not built.
         """
         if settings.method != 'exact':
-            words = 'firmware is made of the method exact'
-            raise ParameterError(f'allocation.method: {words}, got {settings.method}')
+            raise ParameterError(
+                f'allocation.method: firmware is made of the method exact, got {settings.method}')
         with full_names(settings):
             suited = [replace(fault, settings=settings.exact) for fault in faults]
             return cls._made(suited, settings, precision)

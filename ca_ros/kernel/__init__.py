@@ -119,5 +119,6 @@ def warn_if_missing() -> None:
     pip hides what a build says, so the first use says it.
     """
     if load() is None and not environ.get('CA_ROS_KERNEL'):
-        text = f'exact runs in NumPy, ten to a thousand times as slowly; {NOT_BUILT}'
-        warnings.warn(text, RuntimeWarning, stacklevel=4)
+        warnings.warn(
+            f'exact runs in NumPy, ten to a thousand times as slowly; {NOT_BUILT}',
+            RuntimeWarning, stacklevel=4)

@@ -101,8 +101,9 @@ class AllocatorNode(Node):
             self._levels, self._values, self.streams, self.watchdog.watch, self._cuts.update,
             log=self.belief.log)
         if find_spec('osqp') is None:
-            known = 'allocation.method cannot be osqp; exact solves the same program'
-            self.get_logger().info(f'osqp is not installed: {known}')
+            self.get_logger().info(
+                'osqp is not installed: allocation.method cannot be osqp; exact solves the same '
+                'program')
 
     @staticmethod
     def hardware_id(settings: Any) -> str:

@@ -85,8 +85,7 @@ class Belief:
             # Only vehicles whose voltage matters need the package of the message.
             from sensor_msgs.msg import BatteryState
         except ImportError as error:
-            text = f'{error}: the voltage on battery is not read'
-            self._node.get_logger().warning(text)
+            self._node.get_logger().warning(f'{error}: the voltage on battery is not read')
             return
         streams.listen(BatteryState, topics.BATTERY, self._receive_battery)
 

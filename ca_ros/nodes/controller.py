@@ -184,8 +184,10 @@ class ControllerNode(Node):
         stamps = self._stamps()
         between = self._open and self.waypoint and len({*stamps}) == 2
         if between and not self._mode.clocked:
-            what = f'pose and velocity with the stamps {stamps[0]} and {stamps[1]}'
-            self.diagnostics.warn('stamp', f'no answer to {what}: expected equal stamps')
+            self.diagnostics.warn(
+                'stamp',
+                f'no answer to pose and velocity with the stamps {stamps[0]} and {stamps[1]}: '
+                'expected equal stamps')
         self._pose, self._open = message, True
         self._answer()
 
@@ -241,8 +243,9 @@ class ControllerNode(Node):
         self._wrench.publish(wrench_message(six(wrench, rows), header))
         if cut.any():
             self._counts['cut'] += 1
-            what = f'the demand is not attainable; unallocated: {self._components()} [N, N m]'
-            self.diagnostics.warn('cut', what)
+            self.diagnostics.warn(
+                'cut',
+                f'the demand is not attainable; unallocated: {self._components()} [N, N m]')
         if self._unallocated.get_subscription_count():
             self._unallocated.publish(wrench_message(six(cut, rows), header))
 
@@ -250,8 +253,10 @@ class ControllerNode(Node):
         """Warn if the distance from the waypoint [m] grows again."""
         self._nearest = min(self._nearest, distance)
         if distance > self._nearest + RETREAT * self.parameters.settings.controller.speed_max:
-            what = f'{distance:.3g} m from the waypoint, after {self._nearest:.3g} m'
-            self.diagnostics.warn('plan', f'the position leaves the plan: {what}')
+            self.diagnostics.warn(
+                'plan',
+                f'the position leaves the plan: {distance:.3g} m from the waypoint, after '
+                f'{self._nearest:.3g} m')
 
     def _components(self) -> str:
         """Return the components of the last demand that are not allocated."""

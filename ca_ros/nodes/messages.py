@@ -136,8 +136,9 @@ def read_announcement(
     health, pairs = numbers[:n], numbers[n:]
     whole = all(map(float.is_integer, pairs[::2].tolist()))
     if len(health) < n or len(pairs) % 2 or not whole:
-        expected = f'the health of {n} {kind}, then pairs of what sticks, from 1 on, and where'
-        raise ParameterError(f'{numbers}: expected {expected}')
+        raise ParameterError(
+            f'{numbers}: expected the health of {n} {kind}, then pairs of what sticks, from 1 on, '
+            'and where')
     return health, {int(rotor): angle for rotor, angle in pairs.reshape(-1, 2).tolist()}
 
 

@@ -169,8 +169,10 @@ class MonitorNode(Node):
         elif time is not None:
             age = 0 if self._commanded is None else self._commanded - time
             if age > oldest_measurement(self.detector.settings):
-                what = f'{age / 1e9:.3f} s older than the last command'
-                self.diagnostics.drop('age', f'measured rotor speeds that are {what}')
+                self.diagnostics.drop(
+                    'age',
+                    f'measured rotor speeds that are {age / 1e9:.3f} s older than the last '
+                    'command')
                 return
             if self.detector.measure(time, speeds):
                 self._publish(time)

@@ -107,8 +107,9 @@ class Streams:
         def join(own: str, others: Sequence[str], message: Float64MultiArray) -> None:
             if own in waiting:
                 self._counts['without the other part'] += 1
-                text = f'{own} without {", ".join(others)} of the same stamp: not used'
-                self._node.get_logger().warning(text, throttle_duration_sec=1.0)
+                self._node.get_logger().warning(
+                    f'{own} without {", ".join(others)} of the same stamp: not used',
+                    throttle_duration_sec=1.0)
             waiting[own] = message
             stamp = speeds_stamp(message)
             if all(each in waiting and speeds_stamp(waiting[each]) == stamp for each in others):

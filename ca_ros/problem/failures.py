@@ -34,8 +34,8 @@ def bounds_after(
     """
     lower, upper = sets.lower.copy(), sets.upper.copy()
     if not isinstance(stuck, Mapping):
-        what = 'expected values by effector, such as {4: 0.1}'
-        raise ParameterError(f'stuck: {what}, got {stuck!r}')
+        raise ParameterError(
+            f'stuck: expected values by effector, such as {{4: 0.1}}, got {stuck!r}')
     for effector, value in stuck.items():
         i, n = effector - 1, len(lower)
         if not 0 <= i < n:

@@ -40,12 +40,12 @@ class Samples:
             return
         parts = _parts(topic, message)
         if time < (before := self.newest.get(topic, time)):
-            times = f'stamp {time / 1e9:g} s after {before / 1e9:g} s'
-            raise CaRosError(f'{topic}: {times}: expected ascending')
+            raise CaRosError(
+                f'{topic}: stamp {time / 1e9:g} s after {before / 1e9:g} s: expected ascending')
         for numbers in parts.values():
             if not np.isfinite(numbers).all():
-                found = f'{topic} at {time / 1e9:g} s: {numbers.tolist()}'
-                raise CaRosError(f'{found}: expected finite numbers')
+                raise CaRosError(
+                    f'{topic} at {time / 1e9:g} s: {numbers.tolist()}: expected finite numbers')
         self.newest[topic] = time
         sample = self._samples.setdefault(time, {})
         sample.update(parts)
@@ -75,8 +75,9 @@ class Samples:
 
     def _check_rotors(self, speeds: Array) -> None:
         if self._rotors not in (None, len(speeds)):
-            expected = f'expected {self._rotors}, one for each rotor of the vehicle'
-            raise CaRosError(f'{SPEEDS.name} has {len(speeds)} rotor speeds: {expected}')
+            raise CaRosError(
+                f'{SPEEDS.name} has {len(speeds)} rotor speeds: expected {self._rotors}, one for '
+                'each rotor of the vehicle')
 
     def any_complete(self) -> bool:
         """Return whether a state and rotor speeds have had the same stamp."""

@@ -386,8 +386,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     other = ways.add_parser('to-px4', help="print PX4's parameters")
     other.add_argument('vehicle', help='a shipped vehicle or a parameter file')
     other.add_argument('--style', choices=STYLES, default='shell', help='(default: %(default)s)')
-    about = "the rotor that each of PX4's motors is"
-    add_order(other, about)
+    add_order(other, "the rotor that each of PX4's motors is")
 
 
 def run(options: argparse.Namespace) -> None:

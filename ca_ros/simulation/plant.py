@@ -85,8 +85,8 @@ class Plant:
         self.state = initial_state(settings) if state is None else state
         self._grounded = settings.ground == 'flat'
         if self._grounded and self.state[POSITION][2] < 0.0:
-            at = f'z = {self.state[2]:g} m'
-            raise ParameterError(f'simulator.ground: the vehicle starts below it, at {at}')
+            raise ParameterError(
+                f'simulator.ground: the vehicle starts below it, at z = {self.state[2]:g} m')
         gusts, noise, shaken = np.random.default_rng(settings.seed).spawn(3)
         wind = triple(settings.wind), triple(settings.gust_intensity), GUST_TIME
         self._wind = Wind(*wind, gusts)

@@ -123,8 +123,8 @@ class Zonotope:
         """
         m, n = self.generators.shape
         if comb(n, m) > TILES_MAX:
-            found = f'{comb(n, m)} tiles, more than {TILES_MAX}'
-            raise ValueError(f'{n} rotors and {m} axes make {found}')
+            raise ValueError(
+                f'{n} rotors and {m} axes make {comb(n, m)} tiles, more than {TILES_MAX}')
         cost = np.random.default_rng(0).standard_normal((n,))
         choices = np.array(list(combinations(range(n), m)), dtype=int)
         tiles = np.swapaxes(self.generators.T[choices], 1, 2)

@@ -171,8 +171,9 @@ class Parameters:
         return self._wait(self._client.set_atomically(values))
 
     def _wait(self, call: Call[Answer]) -> Answer:
-        what = f'{self._client.remote_node_name}: an answer about parameters'
-        self._graph.spin_until(lambda: call.answer() is not None, what)
+        self._graph.spin_until(
+            lambda: call.answer() is not None,
+            f'{self._client.remote_node_name}: an answer about parameters')
         answer = call.answer()
         assert answer is not None
         return answer

@@ -58,8 +58,9 @@ class FlightSides:
             )
         start, end = recording.span
         if end - start < BLOCK:
-            what = f'expected {BLOCK:g} s or more with command and gyro'
-            raise ParameterError(f'{recording.name}: {max(0.0, end - start):.3g} s: {what}')
+            raise ParameterError(
+                f'{recording.name}: {max(0.0, end - start):.3g} s: expected {BLOCK:g} s or more '
+                'with command and gyro')
         self._time = np.arange(start, end, self._step)
         # Rotors follow their commands also between two values of the gyro.
         self._parts = int(np.ceil(self._step / FINE - 1e-6))

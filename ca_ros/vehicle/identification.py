@@ -121,8 +121,8 @@ def identify(
         raise ParameterError('rotors.tilt_axes: rotors that tilt cannot be identified')
     flights = [FlightSides(vehicle, each, measured) for each in recordings]
     if (blocks := sum(flight.blocks for flight in flights)) < BLOCKS_MIN:
-        what = f'expected {BLOCKS_MIN} or more'
-        raise ParameterError(f'{blocks} blocks of {BLOCK:g} s of flight: {what}')
+        raise ParameterError(
+            f'{blocks} blocks of {BLOCK:g} s of flight: expected {BLOCKS_MIN} or more')
     first = best_lag(flights)
     refine(flights, *first)
     best = best_lag(flights, first)

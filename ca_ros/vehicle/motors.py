@@ -174,8 +174,8 @@ class Motors:
         rated = self.rated_speeds
         low, high = np.maximum(rated[0], -full), np.minimum(rated[1], full)
         if not (high > np.maximum(low, 0.0)).all():
-            what = 'a rotor with less than its least speed'
-            raise ParameterError(f'battery: {voltage:g} V turn {what}')
+            raise ParameterError(
+                f'battery: {voltage:g} V turn a rotor with less than its least speed')
         return replace(self, speed_min=low, speed_max=high, voltage=voltage, rated=rated)
 
     @property

@@ -95,8 +95,8 @@ class ThrustCurveSettings(Settings):
         if self.polynomial != 0.0 and np.size(self.polynomial) != 3:
             raise ParameterError(f'polynomial: expected a, b and c, got {self.polynomial}')
         if (self.thrusts != 0.0 or self.throttles != 0.0) and self.speeds == 0.0:
-            what = 'they are the speeds of thrusts and throttles [rad/s]'
-            raise MissingParameterError(f'speeds: missing; {what}')
+            raise MissingParameterError(
+                'speeds: missing; they are the speeds of thrusts and throttles [rad/s]')
         if self.pwm != 0.0 and len({*np.ravel(self.pwm)}) < 2:
             raise ParameterError(f'pwm: expected two different pulse widths, got {self.pwm}')
 

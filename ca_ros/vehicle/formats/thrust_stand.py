@@ -104,8 +104,8 @@ def read_stand(file: str | Path) -> dict[str, Array]:
         if quantity is None:
             continue
         if quantity in columns:
-            what = f'a second column of {quantity}: leave one of them out'
-            raise ParameterError(f'{file}: {title.strip()!r}: {what}')
+            raise ParameterError(
+                f'{file}: {title.strip()!r}: a second column of {quantity}: leave one of them out')
         least, most = (each / factor for each in RANGES.get(quantity, (-GREATEST, GREATEST)))
         values = []
         for line, row in lines[1:]:
@@ -119,8 +119,9 @@ def read_stand(file: str | Path) -> dict[str, Array]:
                 sound = False
             if not sound:
                 bounds = f' from {least:g} to {most:g}' if quantity in RANGES else ''
-                what = f'expected a number{bounds}, got {given!r}'
-                raise ParameterError(f'{file}: line {line}, {title.strip()!r}: {what}')
+                raise ParameterError(
+                    f'{file}: line {line}, {title.strip()!r}: expected a number{bounds}, got '
+                    f'{given!r}')
         columns[quantity] = factor * np.array(values)
     return columns
 
@@ -218,8 +219,8 @@ def _sound_rows(
     data = dict(columns)
     if 'speed' not in data:
         if speed_max is None or not {'throttle', 'pwm'} & {*data}:
-            needed = 'one, or --speed-max beside throttle or PWM'
-            raise ParameterError(f'no column of speed: expected {needed}')
+            raise ParameterError(
+                'no column of speed: expected one, or --speed-max beside throttle or PWM')
         shares = np.maximum(data['thrust'], 0.0) / max(data['thrust'].max(initial=0.0), 1e-9)
         data['speed'] = speed_max * np.sqrt(shares)
     elif speed_max is not None:

@@ -52,8 +52,9 @@ def read_urdf(text: str, rotors: Sequence[str]) -> Model:
             joints[child.get('link', '')] = joint
     if missing := [name for name in rotors if name not in joints or name not in links]:
         turning = [name for name in joints if joints[name].get('type') == 'continuous']
-        known = f'continuous joints turn {", ".join(turning) or "no link"}'
-        raise ParameterError(f'{missing[0]}: no link with a joint; {known}')
+        raise ParameterError(
+            f'{missing[0]}: no link with a joint; continuous joints turn '
+            f'{", ".join(turning) or "no link"}')
     if twice := [name for name in rotors if rotors.count(name) > 1]:
         raise ParameterError(f'{twice[0]}: named twice: expected one link for each rotor')
     places = {name: _place(name, joints) for name in links}
