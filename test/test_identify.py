@@ -64,17 +64,39 @@ def close(estimate, value, share):
 def test_a_simulated_vehicle_comes_back(name):
     vehicle, recording = flown(name)
     found = identify(vehicle, [recording])
-    close(found.lag, LAG, 0.03)
-    close(found.delay, DELAY, 0.1)
-    close(found.total, LAG + DELAY, 0.02)
+    close(found.lag, LAG, 0.005)
+    close(found.delay, DELAY, 0.01)
+    close(found.total, LAG + DELAY, 0.002)
     for axis, factor in INERTIA.items():
-        close(found.effectiveness[axis], THRUST / factor, 0.02)
-    close(found.effectiveness['thrust'], THRUST, 0.02)
+        close(found.effectiveness[axis], THRUST / factor, 0.002)
+    close(found.effectiveness['thrust'], THRUST, 0.01)
     assert found.noise == pytest.approx(0.01, rel=0.1)
     wanted = np.diag(vehicle.inertia) * [*INERTIA.values()]
     np.testing.assert_allclose(found.parameters['vehicle.inertia'], wanted, rtol=0.04)
     assert found.parameters['rotors.thrust_coefficient'] == pytest.approx(
         THRUST * vehicle.thrust_coefficient[0], rel=0.02)
+
+
+def held(estimate, value):
+    return estimate.low <= value <= estimate.high
+
+
+def test_intervals_hold_as_often_as_they_say():
+    # Seven numbers a flight; of 24 flights (seeds 0 to 23) 160 of 168 are held, 95 %.
+    seeds = length(range(3), range(24))
+    inside = []
+    for seed in seeds:
+        vehicle, recording = flown('hexarotor', seed=seed)
+        found = identify(vehicle, [recording])
+        pairs = [(found.lag, LAG), (found.delay, DELAY), (found.total, LAG + DELAY), (
+            found.effectiveness['thrust'], THRUST)]
+        pairs += [(found.effectiveness[axis], THRUST / INERTIA[axis]) for axis in INERTIA]
+        inside += [held(*pair) for pair in pairs]
+        # What holds everything says nothing.
+        for axis in INERTIA:
+            width = found.effectiveness[axis].high - found.effectiveness[axis].low
+            assert width < 0.01 * found.effectiveness[axis].value
+    assert np.mean(inside) > 0.85
 
 
 def test_several_flights_are_judged_by_each_other():

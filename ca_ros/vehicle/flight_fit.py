@@ -21,7 +21,7 @@ from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 HIGH_PASS = 1.5  # corner of the filter of both sides of the fit [Hz]
 SMOOTH = 25.0  # corner of the low-pass of both sides, at most a quarter of the sampling rate [Hz]
-FINE = 0.004  # greatest step of the rotors' model, also where the gyro is slower [s]
+FINE = 0.002  # greatest step of the rotors' model, also where the gyro is slower [s]
 LAG_MAX, DELAY_MAX = 0.3, 0.15  # greatest lag and delay that are tried [s]
 GRID = 9  # values of lag and of delay from which the search begins
 BLOCK = 2.0  # length of the blocks of the bootstrap and of cross-validation [s]

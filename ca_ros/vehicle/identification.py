@@ -4,8 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri, stdtrit
 
+from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.flight_fit import (
     AXES,
@@ -13,6 +15,7 @@ from ca_ros.vehicle.flight_fit import (
     FlightSides,
     Products,
     best_lag,
+    fitted,
     refine,
     unseen,
 )
@@ -91,8 +94,8 @@ def identify(
     least squares for each axis, after both sides went through the same band-pass filter: without
     the high-pass, the controller's own slow reactions to disturbances bias the fit.  Lag and delay
     are those of the least error over all axes, weighted by their noise.  Intervals come from a
-    bootstrap of blocks of 2 s; R^2 is that of blocks, or of flights if there are several, that
-    were not used for the fit.
+    bootstrap of blocks of 2 s, and are wider where these are few; R^2 is that of blocks, or of
+    flights if there are several, that were not used for the fit.
 
     Parameters
     ----------
@@ -127,16 +130,12 @@ def identify(
     refine(flights, *first)
     best = best_lag(flights, first)
     table = Products.of(flights, best)
-    rng = np.random.default_rng(seed)
-    draws = rng.integers(table.count, size=(RESAMPLES, table.count))
-    drawn = [table.fit(blocks) for blocks in draws]
-    whole = table.fit(np.arange(table.count))
     r2 = unseen(flights, best)
     names = [name for i, name in enumerate(AXES) if table.measures(i)]
-    samples = np.array([[lag, delay, lag + delay, *ratios] for lag, delay, ratios in drawn])
-    lag, delay, ratios = whole
-    values = np.array([lag, delay, lag + delay, *ratios])
-    low, high = np.percentile(samples, [2.5, 97.5], axis=0)
+    factors, _ = fitted(flights, *best)
+    values = np.array([*best, sum(best), *factors[:, 0], factors[2, 1]])
+    low, high = values + _deviations(table, seed)
+    low[:3] = np.maximum(low[:3], 0.0)
     shown = [r2[name] for name in names if name in ('roll', 'pitch')]
     common = max(shown, default=-np.inf)
 
@@ -163,6 +162,25 @@ def identify(
         noise=float(np.median([flight.noise for flight in flights])), parameters={}, left={},
     )
     return _with_parameters(identified, vehicle)
+
+
+def _deviations(table: Products, seed: int) -> Array:
+    """Return the ends (2, 8) of the intervals of 95 %, less the values.
+
+    Lag, delay and their sum, the ratios of the axes, and that of the kick.  Quantiles of a
+    bootstrap are too near to the middle if there are few blocks: they are moved out as Student's
+    distribution is wider than the normal one.
+    """
+    rng, count = np.random.default_rng(seed), table.count
+
+    def numbers(blocks: NDArray[np.integer]) -> Array:
+        lag, delay, ratios = table.fit(blocks)
+        return np.array([lag, delay, lag + delay, *ratios])
+
+    samples = [numbers(draw) for draw in rng.integers(count, size=(RESAMPLES, count))]
+    wider = stdtrit(count - 1, 0.975) / ndtri(0.975) * np.sqrt(count / (count - 1))
+    ends = np.percentile(samples, [2.5, 97.5], axis=0)
+    return np.asarray(wider * (ends - numbers(np.arange(count))))
 
 
 def _with_parameters(found: Identification, vehicle: Vehicle) -> Identification:
