@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros import Vehicle
@@ -54,5 +55,8 @@ class MotorCommands(Node):
 
 
 if __name__ == '__main__':
+    words = remove_ros_args(sys.argv)[1:]
+    if len(words) not in (1, 2) or words[1:] not in ([], ['velocity'], ['normalized']):
+        sys.exit('motor_commands: expected VEHICLE [velocity | normalized] [--ros-args ...]')
     rclpy.init()
-    rclpy.spin(MotorCommands(sys.argv[1], (), *sys.argv[2:3]))
+    rclpy.spin(MotorCommands(words[0], (), *words[1:]))

@@ -3,6 +3,8 @@
 import importlib.util
 import re
 import runpy
+import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -103,6 +105,24 @@ def test_without_its_messages_the_bridge_says_so_in_one_line():
 
 
 # Other motors
+
+@pytest.mark.skipif(not EXAMPLE.is_file(), reason='examples/ is not beside the tests')
+def test_the_example_takes_the_command_of_the_page(graph):
+    from std_msgs.msg import Float64MultiArray
+
+    joints = graph.listen(Float64MultiArray, '/rotor_controller/commands')
+    speeds = graph.publisher(Float64MultiArray, 'command/motor_speed')
+    graph.start(
+        sys.executable, str(EXAMPLE), 'hexarotor', '--ros-args', '-r',
+        'commands:=/rotor_controller/commands', exit_codes=(1, -2))
+    graph.spin_until(
+        lambda: joints, 'joints', lambda: speeds.publish(Float64MultiArray(data=[100.0] * 6)))
+    assert joints[0].data.tolist() == [-100.0, 100.0] * 3
+    for words in ([], ['hexarotor', 'speed']):
+        run = subprocess.run(
+            [sys.executable, str(EXAMPLE), *words], capture_output=True, text=True, check=False)
+        assert (run.returncode, run.stderr.split(':')[0]) == (1, 'motor_commands')
+
 
 @pytest.mark.skipif(not EXAMPLE.is_file(), reason='examples/ is not beside the tests')
 def test_the_example_gives_joints_their_signs_and_actuators_their_speeds(graph):

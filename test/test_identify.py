@@ -293,6 +293,8 @@ def test_a_stream_has_values_where_its_cells_are_filled(tmp_path):
     ('t,command_1,gyro_x,gyro_y,gyro_z\n0,1,1,1,1\n0,1,1,1,1', 'times of command that increase'),
     ('t,command_1,gyro_x,gyro_y,gyro_z\n0,1,1,one,1', 'line 2: expected a number'),
     ('command_1,gyro_x,gyro_y,gyro_z\n1,1,1,1', 't: missing'),
+    ('', 't: missing, and no column of a flight'),
+    ('a,b\n1,2', 't: missing, and no column of a flight'),
 ])
 def test_a_wrong_file_is_refused(tmp_path, text, fault):
     (tmp_path / 'a.csv').write_text(text, encoding='utf-8')

@@ -118,6 +118,8 @@ def _from_csv(path: Path) -> dict[str, Array]:
                 raise ParameterError(
                     f'line {rows.line_num}: expected a number in each of {len(titles)} columns'
                 ) from None
+    if not wanted:
+        raise ParameterError('t: missing, and no column of a flight, such as command_1 or gyro_x')
     numbers = np.array(table).reshape(-1, len(wanted))
     return {titles[i]: column for i, column in zip(wanted, numbers.T, strict=True)}
 
