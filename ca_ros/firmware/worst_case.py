@@ -93,10 +93,14 @@ def constant(name: str) -> int:
 
 
 class Bounds(NamedTuple):
-    """The greatest numbers of Newton steps and of simplex pivots of a call."""
+    """The greatest numbers of Newton steps and of simplex pivots of a call.
+
+    `wide`: of the pivots, those of the second run of single precision, in double precision.
+    """
 
     steps: int
     pivots: int
+    wide: int
 
     @classmethod
     def greatest(cls, firmware: Firmware) -> Bounds:
@@ -134,13 +138,14 @@ class Bounds(NamedTuple):
         # `ca_serve_within`: the same pushes, each with at most as many pivots as rows and columns.
         within = sum(
             2 + count - n + rows for count in turns for rows in range(1, planes + 1))
-        if firmware.single:
-            # A second run in double precision.
-            turns *= 2
         # To begin in the middle, each axis of the first group moves to its line, and is fixed.
-        turns += [n + m + 1] * sizes[0]
-        pivots = sum(1 + constant('PIVOTS_PER_VARIABLE') * count for count in turns)
-        return cls(steps, pivots + within)
+        starts = [n + m + 1] * sizes[0]
+        once, begin = (
+            sum(1 + constant('PIVOTS_PER_VARIABLE') * count for count in each)
+            for each in (turns, starts))
+        # A second run is in double precision.
+        return cls(steps, (1 + firmware.single) * once + begin + within,
+                   (once + begin) * firmware.single)
 
 
 class Call(NamedTuple):

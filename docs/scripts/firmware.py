@@ -116,9 +116,11 @@ def compiled(target: Path, *parts: object) -> Path:
     return target
 
 
-def build(problem: AllocationProblem, method: str, folder: Path) -> Path:
-    """Compile a method for a vehicle; return the program."""
-    parts = given(problem, folder)
+def build(
+    problem: AllocationProblem, method: str, folder: Path, options: Sequence[str] = ()
+) -> Path:
+    """Compile a method for a vehicle, with more options for the compiler; return the program."""
+    parts = [*given(problem, folder), *options]
     if method == 'kernel':
         parts += ['-DCOUNT_KERNEL', '-DCA_FLOAT', '-DCA_FIXED', f'-I{KERNEL}']
         parts += [
