@@ -76,12 +76,22 @@ def partners(wrenches: Array, arm: float) -> list[int | None]:
     return found
 
 
+def _least_shares(ages: Array, given: Array, peaks: Array) -> Array:
+    """Return the least share (T, n) that each rotor may lose: negative if it gives more.
+
+    It gives at most what it gave of late; see `HypothesisTest.__call__`.
+    """
+    most = ages[:, None] * peaks
+    own = np.maximum(np.linalg.norm(given[:, :3], axis=1), 0.01 * most + 1e-9)
+    return np.minimum(1.0 - most / own, 0.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Finding:
     """What a test finds.
 
     - `evidence` (n,): logarithm of the Bayes factor of the failure of each rotor against nothing
-    - `disturbance`: the same of a disturbance
+    - `disturbance`: the same of a disturbance, or of a rotor that gives more than commanded
     - `rotor`: the likeliest rotor
     - `named`: rotors that have failed with the wanted certainty
     - `arm`: whether only one of both has failed, and which one does not show
@@ -122,14 +132,16 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class Losses:
-    """What the loss of each rotor explains in each window, (T, n) each.
+    """What the loss of each rotor explains in each window, (T, n) but for `excess`.
 
     - `evidence`: see `Finding`
+    - `excess` (T,): the same for the likeliest rotor that gives more than commanded
     - `shares`: the likeliest loss, within [0, health]
     - `raw` and `errors`: the loss without bounds, and its standard deviation
     """
 
     evidence: Array
+    excess: Array
     shares: Array
     raw: Array
     errors: Array
@@ -147,7 +159,9 @@ class HypothesisTest:
       and whose evidence is `CONTACT` greater;
     - the loss of a share theta of rotor i: c ~ N(-theta s_i, S + theta^2 E_i).  s_i (6,) is what
       the sound rotor gives, its thrust and half of its drag, and E_i the variance of this.
-      theta is the likeliest one within [0, health_i], and its prior is uniform.
+      theta is the likeliest one within [0, health_i], and its prior is uniform.  A rotor whose
+      speed is stuck may give more than it is commanded, at most what it gave in the last second.
+      theta is then negative, and the evidence counts as that of a disturbance: it names nobody.
 
     The evidence for each is the greatest logarithm of its Bayes factor against nothing in any
     window (Kass and Raftery, Bayes factors, J. American Statistical Association 90, 1995).  A
@@ -204,7 +218,7 @@ class HypothesisTest:
 
     def __call__(
         self, ages: Array, lacked: Array, given: Array, lateral: Array, variance: Array,
-        health: Array, leads: Array, block: float, arms: Sequence[int] = (),
+        health: Array, peaks: Array, leads: Array, block: float, arms: Sequence[int] = (),
     ) -> Finding:
         """Test windows.
 
@@ -213,6 +227,7 @@ class HypothesisTest:
         - `given` (T, 6, n + 2 s): the impulses of the rotors, see `CommandedRotors.given`
         - `lateral` (T, 2): see `signatures`
         - `health` (n,)
+        - `peaks` (n,): the greatest thrust of each rotor of late [N]
         - `leads` (n,): what each rotor has gathered
         - `block`: time since the last test [s]
         - `arms`: rotors of named arms, which are not named again
@@ -221,10 +236,12 @@ class HypothesisTest:
         held, asked = np.isin(np.arange(n), arms), self._asked(ages, given[:, :, :n])
         signature, error = self.signatures(given[:, :, :n], lateral)
         seen = (lacked**2 / variance).sum(axis=1)
-        disturbances = self._of_disturbances(ages, lacked, variance, seen)
+        least = _least_shares(ages, given[:, :, :n], peaks)
+        losses = self._of_losses(lacked, signature, error, variance, seen, least, health)
+        disturbances = np.maximum(
+            self._of_disturbances(ages, lacked, variance, seen), losses.excess)
         likeliest = int(disturbances.argmax())
         disturbance = max(float(disturbances[likeliest]), 0.0)
-        losses = self._of_losses(lacked, signature, error, variance, seen, health)
         evidence = np.maximum(losses.evidence.max(axis=0), 0.0)
         servos, servo = np.zeros(n), None
         if self._servos.planar:
@@ -266,12 +283,13 @@ class HypothesisTest:
 
     def _of_losses(
         self, lacked: Array, signature: Array, error: Array, variance: Array, seen: Array,
-        health: Array,
+        least: Array, health: Array,
     ) -> Losses:
         """Return the evidence for the loss of each rotor.
 
         `signature` and `error` (T, 6, n): what it gives, and its variance; `seen` (T,): chi
-        squared of what is lacked.  Others: see `__call__`.
+        squared of what is lacked; `least` (T, n): the least share that it may lose, negative.
+        Others: see `__call__`.
         """
         def products(weights: Array) -> tuple[Array, Array]:
             return (
@@ -280,15 +298,18 @@ class HypothesisTest:
 
         product, norm = products(1.0 / (variance[:, :, None] + error))
         raw, errors = product / norm, norm**-0.5
-        first = np.minimum(np.maximum(raw, 0.0), health)
+        lower, upper = np.where(raw < 0.0, least, 0.0), np.where(raw < 0.0, 0.0, health)
+        first = np.minimum(np.maximum(raw, lower), upper)
         wider = variance[:, :, None] + first[:, None, :] ** 2 * error
         product, norm = products(1.0 / wider)
-        shares = np.minimum(np.maximum(product / norm, 0.0), health)
+        shares = np.minimum(np.maximum(product / norm, lower), upper)
         rest = (lacked[:, :, None] ** 2 / wider).sum(axis=1)
         ratios = (wider / variance[:, :, None]).prod(axis=1) * np.maximum(1.0, norm / PRIOR)
         explained = seen[:, None] - rest + shares * (2.0 * product - shares * norm)
-        evidence = np.where(first > 0.0, 0.5 * (explained - np.log(ratios)), 0.0)
-        return Losses(evidence, np.where(first > 0.0, shares, 0.0), raw, errors)
+        each, less = 0.5 * (explained - np.log(ratios)), first > 0.0
+        excess = np.where(first < 0.0, each, 0.0).max(axis=1)
+        return Losses(
+            np.where(less, each, 0.0), excess, np.where(less, shares, 0.0), raw, errors)
 
     def _of_disturbances(
         self, ages: Array, lacked: Array, variance: Array, seen: Array

@@ -1,6 +1,6 @@
 """The test of motion: which failures explain what a vehicle does."""
 
-from math import cos, sin
+from math import cos, expm1, sin
 from operator import gt
 
 import numpy as np
@@ -31,6 +31,7 @@ ACQUAINTED = 1_000_000_000
 """Time for which a flight that begins in mid-air, or after `reset`, only shows what is usual
 [ns]."""
 
+RECENT = 1.0  # time over which the greatest thrust of a rotor is forgotten [s]
 SETTLING = 4.0  # time after which the speeds of motors and servos are known, over their lag
 
 ALL, ONE, NOBODY = np.ones(6), np.eye(6), np.zeros(())
@@ -95,7 +96,7 @@ class MotionTest:
         self._waited = 0.0
         self._named: tuple[int, ...] = ()
         self._count, self._windows = 0, Windows(self.rotors.columns)
-        self._leads = np.zeros(self._n)
+        self._leads, self._peaks = np.zeros(self._n), np.zeros(self._n)
 
     def forget(self, before: int | None = None) -> None:
         """Forget the motion, or that before a window, and what rotors have gathered."""
@@ -173,13 +174,16 @@ class MotionTest:
         """Test all windows that end now; return whether the health has changed."""
         windows, block, usual = self._windows, self._windows.block, self.usual
         beliefs = self.beliefs
+        thrusts = np.linalg.norm(given[:3], axis=0)
+        recent = 0.0 if self._waited > 0.0 else -expm1(-block / RECENT)
+        self._peaks = np.maximum(thrusts, self._peaks - recent * (self._peaks - thrusts))
         if usual.flown < 2.0 * block:
             self.forget()
             return False
         spread = usual.spread(windows.ages, self._measured)
-        recent = beliefs.age(block)
+        failed = beliefs.age(block)
         seen = 0.5 * max((windows.lacked**2 / spread).dot(ALL).tolist())
-        quiet = not recent and not beliefs.arms and seen <= SUSPICION
+        quiet = not failed and not beliefs.arms and seen <= SUSPICION
         if quiet or self._blind:
             # No evidence exceeds what is seen.
             self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
@@ -193,14 +197,14 @@ class MotionTest:
             windows.ages, impulses[..., own], changes[..., own])
         found = self.hypotheses(
             windows.ages, windows.lacked, impulses, windows.lateral, variance, beliefs.health,
-            self._leads, block, beliefs.held)
+            self._peaks, self._leads, block, beliefs.held)
         self._leads = found.leads
         if found.greatest > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
             self.forget()
             return False
-        suspected = found.greatest > SUSPICION or bool(recent or beliefs.arms)
-        changed = self._refine(found, recent)
+        suspected = found.greatest > SUSPICION or bool(failed or beliefs.arms)
+        changed = self._refine(found, failed)
         changed = self._tell_arms(impulses, variance) or changed
         self._waited = self._waited + block if suspected else 0.0
         self.margin = float(found.evidence[found.rotor]) - found.disturbance

@@ -13,7 +13,8 @@ from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 FLOOR = 0.3  # least noise over that of the settings
 OUTLIER = 9.0  # greatest square that is learnt, over the variance
 LEARNING = 2.0, 20.0  # times over which the noise is learnt [s]; disturbances over the first
-TIME_ERROR = 0.01  # standard deviation of the lag and the delay [s]
+TIME_ERROR = 0.01  # standard deviation of the lag and the delay of a rotor [s]
+COMMON_ERROR = 0.015  # the same of what all rotors have in common [s]
 LEARNT = 0.95  # time after which it learns again, over the shortest window
 
 
@@ -113,4 +114,5 @@ class UsualMotion:
         """
         unusual = given - ages[:, None, None] * self._given
         error = (THRUST_ERROR * unusual) ** 2 + (TIME_ERROR * change) ** 2
-        return np.asarray(error.sum(axis=2))
+        common = (COMMON_ERROR * change.sum(axis=2)) ** 2
+        return np.asarray(error.sum(axis=2) + common)

@@ -25,6 +25,8 @@
 #define ASKED CA_REAL(0.75)
 #define THRUST_ERROR CA_REAL(0.1)
 #define TIME_ERROR CA_REAL(0.01)
+#define COMMON_ERROR CA_REAL(0.015)
+#define RECENT CA_REAL(1.0)
 #define DRAG_LOST CA_REAL(0.5)
 #define LIMIT CA_REAL(20.0)
 #define ODDS CA_REAL(5.3)
@@ -484,12 +486,7 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
         ca_real seen = 0;
         for (int k = 0; k < 6; k++)
             seen += c[k] * c[k] / v[k];
-        const ca_real disturbance = of_disturbances(model, &windows[t], v, seen);
-        disturbances[t] = disturbance;
-        if (disturbance > found->disturbance) {
-            found->disturbance = disturbance;
-            likeliest = t;
-        }
+        disturbances[t] = of_disturbances(model, &windows[t], v, seen);
         for (int i = 0; i < n; i++) {
             ca_real given[6], error[6], product = 0, norm = CA_REAL(1e-12), rest = 0;
             signature_of(model, &windows[t], i, given, error);
@@ -498,12 +495,19 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
                 product -= weighted * c[k];
                 norm += weighted * given[k];
             }
-            const ca_real raw = product / norm, first = ca_clip(raw, 0, detector->health[i]);
+            /* A rotor that gives more than its command gives at most what it gave recently. */
+            const ca_real peak = windows[t].length * detector->peaks[i];
+            const ca_real own = ca_max(ca_abs(windows[t].given[i]),
+                                       CA_REAL(0.01) * peak + CA_REAL(1e-9));
+            const ca_real raw = product / norm;
+            const ca_real lower = raw < 0 ? ca_min(1 - peak / own, 0) : 0;
+            const ca_real upper = raw < 0 ? 0 : detector->health[i];
+            const ca_real first = ca_clip(raw, lower, upper);
             found->shares[i] = raw;
             found->most[i] = t ? ca_max(found->most[i], raw) : raw;
             found->errors[i] = 1 / ca_sqrt(norm);
             shares[t][i] = evidence[t][i] = 0;
-            if (!(first > 0))
+            if (!(ca_abs(first) > 0))
                 continue;
             ca_real ratio = 1;
             product = rest = 0;
@@ -515,12 +519,21 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
                 rest += c[k] * c[k] * inverse;
                 ratio *= wider / v[k];
             }
-            const ca_real share = ca_clip(product / norm, 0, detector->health[i]);
-            shares[t][i] = share;
-            evidence[t][i] =
+            const ca_real share = ca_clip(product / norm, lower, upper);
+            const ca_real each =
                 CA_REAL(0.5) * (seen - rest + share * (2 * product - share * norm) -
                                 ca_log(ratio * ca_max(1, norm / PRIOR)));
-            found->evidence[i] = ca_max(found->evidence[i], evidence[t][i]);
+            if (raw < 0) {
+                disturbances[t] = ca_max(disturbances[t], each);
+                continue;
+            }
+            shares[t][i] = share;
+            evidence[t][i] = each;
+            found->evidence[i] = ca_max(found->evidence[i], each);
+        }
+        if (disturbances[t] > found->disturbance) {
+            found->disturbance = disturbances[t];
+            likeliest = t;
         }
     }
     int rotor = 0;
@@ -598,6 +611,7 @@ static void begin(ca_detector *detector)
     ca_copy(6, detector->motion, detector->learnt);
     memset(detector->leads, 0, sizeof detector->leads);
     memset(detector->thrusts, 0, sizeof detector->thrusts);
+    memset(detector->peaks, 0, sizeof detector->peaks);
     memset(&detector->sums, 0, sizeof detector->sums);
     memset(detector->blocks, 0, sizeof detector->blocks);
 }
@@ -777,20 +791,26 @@ static void sum_windows(ca_detector *detector, ca_block *windows)
     }
 }
 
-/* Add the variance by errors of the thrusts, the lag and the delay. */
+/* Add the variance by errors of the thrusts, the lag and the delay, of each rotor and of all. */
 static void add_model_errors(const ca_detector *detector, const ca_block *windows,
                              ca_real variance[CA_WINDOWS][6])
 {
     const ca_detector_model *model = detector->model;
-    for (int t = 0; t < CA_WINDOWS; t++)
+    for (int t = 0; t < CA_WINDOWS; t++) {
+        ca_real change[6] = {0};
         for (int i = 0; i < ROTORS(model); i++) {
             const ca_real usual = windows[t].length * detector->mean_thrusts[i];
             const ca_real by_thrust = THRUST_ERROR * (windows[t].given[i] - usual);
             const ca_real by_time = TIME_ERROR * windows[t].change[i];
             const ca_real error = by_thrust * by_thrust + by_time * by_time;
-            for (int k = 0; k < 6; k++)
+            for (int k = 0; k < 6; k++) {
                 variance[t][k] += error * (model->wrenches[k][i] * model->wrenches[k][i]);
+                change[k] += model->wrenches[k][i] * windows[t].change[i];
+            }
         }
+        for (int k = 0; k < 6; k++)
+            variance[t][k] += COMMON_ERROR * COMMON_ERROR * (change[k] * change[k]);
+    }
 }
 
 /* Set the probabilities of a disturbance, and of the loss of each rotor that has not failed yet. */
@@ -847,7 +867,11 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     ca_block windows[CA_WINDOWS];
     ca_real spread[CA_WINDOWS][6], variance[CA_WINDOWS][6], greatest = 0;
     finding found;
+    const ca_real recent = detector->waited > 0 ? 0 : settled(block / RECENT);
     for (int i = 0; i < n; i++) {
+        const ca_real thrust = ca_abs(thrusts[i]);
+        const ca_real less = recent * (detector->peaks[i] - thrust);
+        detector->peaks[i] = ca_max(thrust, detector->peaks[i] - less);
         detector->sums.change[i] = thrusts[i] - detector->thrusts[i];
         detector->thrusts[i] = thrusts[i];
     }
