@@ -786,11 +786,11 @@ def test_a_rotor_may_give_at_most_what_it_gave_of_late(peak, most):
 
 
 def test_an_error_of_the_lag_is_common_to_all_rotors():
-    usual = UsualMotion(HEXAROTOR, DetectorSettings())
+    usual = UsualMotion(HEXAROTOR, DetectorSettings(motor_time_constant=0.05, delay=0.01))
     change = np.zeros((1, 6, 6))
     change[0, 3] = [1.0, 1.0, 1.0, -1.0, -1.0, 2.0]  # roll [N m]
     errors = usual.model_errors(np.array([0.1]), np.zeros((1, 6, 6)), change)
-    # 10 ms of each of six rotors, and 15 ms of their sum of 3 N m
+    # 10 ms of each of six rotors, and a quarter of 60 ms of their sum of 3 N m
     np.testing.assert_allclose(errors[0, 3], 0.01**2 * 9.0 + 0.015**2 * 3.0**2)
     assert not errors[0, [0, 1, 2, 4, 5]].any()
 

@@ -14,7 +14,7 @@ FLOOR = 0.3  # least noise over that of the settings
 OUTLIER = 9.0  # greatest square that is learnt, over the variance
 LEARNING = 2.0, 20.0  # times over which the noise is learnt [s]; disturbances over the first
 TIME_ERROR = 0.01  # standard deviation of the lag and the delay of a rotor [s]
-COMMON_ERROR = 0.015  # the same of what all rotors have in common [s]
+COMMON_ERROR = 0.25  # the same of what all rotors have in common, over lag and delay
 LEARNT = 0.95  # time after which it learns again, over the shortest window
 
 
@@ -31,8 +31,9 @@ class UsualMotion:
     """
 
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings) -> None:
-        self._n = vehicle.n
         inertia, s = np.diag(inertia_of(vehicle)), settings
+        self._n = vehicle.n
+        self._common = COMMON_ERROR * (s.motor_time_constant + s.delay)
         force = np.full(3, vehicle.mass * s.velocity_noise)
         self.force_noise = BLOCK * (vehicle.mass * s.specific_force_noise) ** 2
         self.noise = 2.0 * np.concatenate([force, inertia * s.angular_velocity_noise]) ** 2
@@ -114,5 +115,5 @@ class UsualMotion:
         """
         unusual = given - ages[:, None, None] * self._given
         error = (THRUST_ERROR * unusual) ** 2 + (TIME_ERROR * change) ** 2
-        common = (COMMON_ERROR * change.sum(axis=2)) ** 2
+        common = (self._common * change.sum(axis=2)) ** 2
         return np.asarray(error.sum(axis=2) + common)

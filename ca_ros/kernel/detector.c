@@ -25,7 +25,7 @@
 #define ASKED CA_REAL(0.75)
 #define THRUST_ERROR CA_REAL(0.1)
 #define TIME_ERROR CA_REAL(0.01)
-#define COMMON_ERROR CA_REAL(0.015)
+#define COMMON_ERROR CA_REAL(0.25)
 #define RECENT CA_REAL(1.0)
 #define DRAG_LOST CA_REAL(0.5)
 #define LIMIT CA_REAL(20.0)
@@ -796,6 +796,7 @@ static void add_model_errors(const ca_detector *detector, const ca_block *window
                              ca_real variance[CA_WINDOWS][6])
 {
     const ca_detector_model *model = detector->model;
+    const ca_real common = COMMON_ERROR * (model->time_constant + model->delay);
     for (int t = 0; t < CA_WINDOWS; t++) {
         ca_real change[6] = {0};
         for (int i = 0; i < ROTORS(model); i++) {
@@ -809,7 +810,7 @@ static void add_model_errors(const ca_detector *detector, const ca_block *window
             }
         }
         for (int k = 0; k < 6; k++)
-            variance[t][k] += COMMON_ERROR * COMMON_ERROR * (change[k] * change[k]);
+            variance[t][k] += common * common * (change[k] * change[k]);
     }
 }
 
