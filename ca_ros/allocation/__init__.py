@@ -18,7 +18,7 @@ from ca_ros.allocation.reduced import after_failures, allocator_for
 from ca_ros.allocation.result import Allocation, AllocationBatch, Status
 from ca_ros.allocation.sequential_desaturation import SequentialDesaturation
 from ca_ros.allocation.slew import SlewLimited
-from ca_ros.allocation.tilt_rates import UNLIMITED, TiltLimited
+from ca_ros.allocation.tilt_rates import TiltLimited
 from ca_ros.allocation.weighted_least_squares import WeightedLeastSquares
 from ca_ros.allocation.weighted_pseudo_inverse import WeightedPseudoInverse
 from ca_ros.errors import suggestion
@@ -141,8 +141,8 @@ def allocator_with(
 
 
 __all__ = [
-    'ALLOCATORS', 'UNLIMITED', 'Allocation', 'AllocationBatch', 'AllocationProblem', 'Allocator',
-    'AtRest', 'BetaflightMixer', 'Conventional', 'Direct', 'Exact', 'Osqp', 'PseudoInverse',
+    'ALLOCATORS', 'Allocation', 'AllocationBatch', 'AllocationProblem', 'Allocator', 'AtRest',
+    'BetaflightMixer', 'Conventional', 'Direct', 'Exact', 'Osqp', 'PseudoInverse',
     'RedistributedPseudoInverse', 'SequentialDesaturation', 'SlewLimited', 'Status', 'TiltLimited',
     'WeightedLeastSquares', 'WeightedPseudoInverse', 'after_failures', 'allocator_with',
     'make_allocator', 'method_class',

@@ -20,6 +20,8 @@ from ca_ros.settings import ParameterError, Settings, settings_of
 from ca_ros.vehicle.validation import counts
 from ca_ros.vehicle.vehicle import Vehicle
 
+UNLIMITED = 1e9  # a rate that does not limit [rad/s^2, rad/s]
+
 
 class Allocator(ABC):
     """Distributes a wrench among the rotors of a vehicle, or u among the effectors of a problem.
@@ -242,7 +244,7 @@ class Allocator(ABC):
 
         `rates`, `braking`: of the rotors, instead of those of the vehicle.
         """
-        from ca_ros.allocation import UNLIMITED, SlewLimited, TiltLimited
+        from ca_ros.allocation import SlewLimited, TiltLimited
 
         pair: Any = self.problem.rates
         if rates is not None:

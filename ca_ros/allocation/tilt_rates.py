@@ -18,7 +18,6 @@ from ca_ros.vehicle.servos import FIXED, Servos
 from ca_ros.vehicle.validation import numbers
 from ca_ros.vehicle.vehicle import Vehicle
 
-UNLIMITED = 1e9  # a rate that does not limit [rad/s^2, rad/s]
 REACHED_MIN = 1e-9  # range of a thrust, as a share of the greatest, below which it is held
 AT_END = 1e-5  # distance of an angle [rad] or a thrust, as a share of the greatest, from its end
 

@@ -77,11 +77,14 @@ def partners(wrenches: Array, arm: float) -> list[int | None]:
 
 
 def _least_shares(ages: Array, given: Array, peaks: Array) -> Array:
-    """Return the least share (T, n) that each rotor may lose: negative if it gives more.
+    """Return the least share (T, n) that each rotor may have lost, 0 or negative.
 
-    It gives at most what it gave of late; see `HypothesisTest.__call__`.
+    A negative share says that the rotor gives more than commanded: at most its peak thrust.
+
+    `ages`, `given` (T, 6, n) and `peaks`: see `HypothesisTest.__call__`.
     """
     most = ages[:, None] * peaks
+    # A rotor that is commanded hardly any thrust has a large share, but a finite one.
     own = np.maximum(np.linalg.norm(given[:, :3], axis=1), 0.01 * most + 1e-9)
     return np.minimum(1.0 - most / own, 0.0)
 
@@ -227,7 +230,7 @@ class HypothesisTest:
         - `given` (T, 6, n + 2 s): the impulses of the rotors, see `CommandedRotors.given`
         - `lateral` (T, 2): see `signatures`
         - `health` (n,)
-        - `peaks` (n,): the greatest thrust of each rotor of late [N]
+        - `peaks` (n,): the greatest thrust that each rotor gave about the last second [N]
         - `leads` (n,): what each rotor has gathered
         - `block`: time since the last test [s]
         - `arms`: rotors of named arms, which are not named again
@@ -288,7 +291,7 @@ class HypothesisTest:
         """Return the evidence for the loss of each rotor.
 
         `signature` and `error` (T, 6, n): what it gives, and its variance; `seen` (T,): chi
-        squared of what is lacked; `least` (T, n): the least share that it may lose, negative.
+        squared of what is lacked; `least` (T, n): see `_least_shares`.
         Others: see `__call__`.
         """
         def products(weights: Array) -> tuple[Array, Array]:

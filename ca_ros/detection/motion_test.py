@@ -175,6 +175,7 @@ class MotionTest:
         windows, block, usual = self._windows, self._windows.block, self.usual
         beliefs = self.beliefs
         thrusts = np.linalg.norm(given[:3], axis=0)
+        # A stuck rotor is commanded less and less, so a suspicion keeps the greatest thrusts.
         recent = 0.0 if self._waited > 0.0 else -expm1(-block / RECENT)
         self._peaks = np.maximum(thrusts, self._peaks - recent * (self._peaks - thrusts))
         if usual.flown < 2.0 * block:

@@ -14,7 +14,7 @@ FLOOR = 0.3  # least noise over that of the settings
 OUTLIER = 9.0  # greatest square that is learnt, over the variance
 LEARNING = 2.0, 20.0  # times over which the noise is learnt [s]; disturbances over the first
 TIME_ERROR = 0.01  # standard deviation of the lag and the delay of a rotor [s]
-COMMON_ERROR = 0.25  # the same of what all rotors have in common, over lag and delay
+COMMON_ERROR = 0.25  # that of an error which all rotors share, over the sum of lag and delay
 LEARNT = 0.95  # time after which it learns again, over the shortest window
 
 

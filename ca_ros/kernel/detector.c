@@ -495,7 +495,7 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
                 product -= weighted * c[k];
                 norm += weighted * given[k];
             }
-            /* A rotor that gives more than its command gives at most what it gave recently. */
+            /* A rotor may give more than commanded: a negative share, down to that of its peak. */
             const ca_real peak = windows[t].length * detector->peaks[i];
             const ca_real own = ca_max(ca_abs(windows[t].given[i]),
                                        CA_REAL(0.01) * peak + CA_REAL(1e-9));
@@ -868,6 +868,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     ca_block windows[CA_WINDOWS];
     ca_real spread[CA_WINDOWS][6], variance[CA_WINDOWS][6], greatest = 0;
     finding found;
+    /* A stuck rotor is commanded less and less, so a suspicion keeps the greatest thrusts. */
     const ca_real recent = detector->waited > 0 ? 0 : settled(block / RECENT);
     for (int i = 0; i < n; i++) {
         const ca_real thrust = ca_abs(thrusts[i]);

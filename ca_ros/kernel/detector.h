@@ -111,7 +111,7 @@ typedef struct {
     int named[2], names, named_arm, count, windows[CA_WINDOWS];
     int arm[CA_N], upper[CA_N]; /* 1 for both of a named arm; tests in a row for one of the two */
     int sound[CA_N];
-    ca_real thrusts[CA_N], peaks[CA_N]; /* the last ones, and the greatest of late */
+    ca_real thrusts[CA_N], peaks[CA_N]; /* the last ones, and the greatest of about a second */
     int newest;
     ca_block sums, blocks[CA_BLOCKS]; /* a ring */
 } ca_detector;

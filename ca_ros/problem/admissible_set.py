@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from functools import cached_property
 from math import nan
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -151,8 +152,7 @@ class AdmissibleSet:
         if scale_reference is not None:
             start = self.check_reference(scale_reference)
         everything = [list(range(len(self.problem.axes)))]
-        serve = PRIORITIZATIONS[self.problem.program.kernel](
-            self.problem, everything, start, begin=start)
+        serve = self._prioritization(everything, start, begin=start)
         return self._serve(serve, u)[0]
 
     def prioritize(
@@ -223,10 +223,16 @@ class AdmissibleSet:
             axes = self.problem.axes
             groups = default_order(axes) if order is None else groups_of(order, axes)
             rows = [[axes.index(axis) for axis in group] for group in groups]
-            self._prioritizations[key] = PRIORITIZATIONS[self.problem.program.kernel](
-                self.problem, rows, axis_reversal=axis_reversal, airmode_limit=limits
-            )
+            self._prioritizations[key] = self._prioritization(
+                rows, axis_reversal=axis_reversal, airmode_limit=limits)
         return self._prioritizations[key]
+
+    def _prioritization(
+        self, groups: Sequence[Sequence[int]], *given: Any, **named: Any
+    ) -> AnyPrioritization:
+        """Return how this kind of problem serves groups of axes; see `Prioritization`."""
+        kind = PRIORITIZATIONS[self.problem.program.kernel]
+        return kind(self.problem, groups, *given, **named)
 
     def sample(self, rng: np.random.Generator, size: int) -> Array:
         """Draw wrenches (size, m) [N, N m] uniformly by volume."""

@@ -88,9 +88,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     made.add_argument('--seed', type=natural, default=0, help='same seed, same wrenches')
     made.add_argument('--sampling', choices=SAMPLINGS, default='volume',
         help='volume: uniform in the admissible set; thrusts: uniform in the bounds of the '
-        'thrusts; '
-        'boundary: projected onto the boundary of the set; outside: beyond it, up to as much '
-        'again')
+        'thrusts; boundary: projected onto the boundary of the set; outside: beyond it, up to as '
+        'much again')
     made.add_argument('--rows', type=positive(int), metavar='N',
         help=f'samples whose rows are in static.csv, the first ones (default: {KEPT}, the least)')
     add_options(made)
