@@ -830,6 +830,26 @@ def test_pushes_and_feet_are_disturbances(kind):
         assert kind == 'loss' or found.disturbance > max(20.0, found.evidence.max())
 
 
+@pytest.mark.parametrize('known', [True, False])
+def test_a_rotor_that_would_lack_more_than_it_has_is_named_later(known):
+    # A push of 1.75 times its thrust, later one that looks like its loss; or soon after take-off.
+    find, rng = HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR)), np.random.default_rng(0)
+    age, lacked, given, lateral, variance = windows(rng, lost=1.75)
+    pushed = find(age, lacked, given, lateral, variance, *UNKNOWN, known=known)
+    assert pushed.named == ()
+    assert pushed.disturbance > pushed.evidence[2] + 3.0 > 23.0
+    assert pushed.leads[2] == (-15.0 if known else 0.0)
+    age, lacked, given, lateral, variance = windows(rng, lost=1.0)
+    leads, names = pushed.leads, []
+    for _ in range(200):
+        found = find(
+            age, lacked, given, lateral, variance, *UNKNOWN[:2], leads, 0.01, known=known)
+        leads = found.leads
+        names.append(found.named)
+    assert names[-1] == (2,)
+    assert (names.index((2,)) > 20) == known
+
+
 def test_the_score_of_a_servo_is_the_reduction_of_chi_square_at_its_angle():
     servos, rng = Vehicle.load('hexarotor_tilting').servos, np.random.default_rng(0)
     lacked, given = rng.standard_normal((2, 6)), rng.standard_normal((2, 6, 18))

@@ -40,6 +40,10 @@ LASTING, SEEN = 4.0, 15.0
 """Lead that a weak rotor gathers, and its evidence in the longest window, from which it is
 named."""
 
+EXCESS, DOUBT, DEBT = 1.2, 3.0, 15.0
+"""A rotor that would lack so much of its health, in the window in which a disturbance is likeliest
+and leads it by `DOUBT`, owes a lead of `DEBT` before it is named: it gives no more than it has."""
+
 PRIOR = 6.25
 """The share lost is taken as uniform from 0 to 1.  Its likelihood has an integral of
 sqrt(2 pi / information); 2 pi is rounded."""
@@ -173,7 +177,9 @@ class HypothesisTest:
 
     What loses less shows in time: windows that do not overlap are independent, so their evidence
     adds up.  In the longest window, the lead of each rotor over all else is gathered, as its
-    integral over the length of the window, not below zero; `LASTING` of it names a rotor.
+    integral over the length of the window, not below zero; `LASTING` of it names a rotor.  A push
+    down on the end of an arm begins with more than a rotor can lack, and lets it owe `DEBT`:
+    later, when the controller has answered, the same push may look like a loss.
 
     If the rotor does not lead its partner of a coaxial pair, the
     arm is named, until `of_arm` tells which one has failed.  Servos that stick compete with the
@@ -222,6 +228,7 @@ class HypothesisTest:
     def __call__(
         self, ages: Array, lacked: Array, given: Array, lateral: Array, variance: Array,
         health: Array, peaks: Array, leads: Array, block: float, arms: Sequence[int] = (),
+        known: bool = True,
     ) -> Finding:
         """Test windows.
 
@@ -234,6 +241,7 @@ class HypothesisTest:
         - `leads` (n,): what each rotor has gathered
         - `block`: time since the last test [s]
         - `arms`: rotors of named arms, which are not named again
+        - `known`: whether it flies for long enough that no rotor owes a lead for the take-off
         """
         n, longest = len(health), len(ages) - 1
         held, asked = np.isin(np.arange(n), arms), self._asked(ages, given[:, :, :n])
@@ -265,7 +273,7 @@ class HypothesisTest:
                 window = int(np.where(likely, losses.shares[:, rotor], -1.0).argmax())
                 share = losses.shares[window, rotor]
                 clear = share >= CLEAR_LOSS * health[rotor] and asked[window, rotor]
-                if leads_all and clear and not held[rotor]:
+                if leads_all and clear and not held[rotor] and leads[rotor] >= 0.0:
                     named, lost, arm = self._name(rotor, share, evidence)
         elif disturbance > LIMIT:
             named, lost = self._pair(
@@ -273,6 +281,9 @@ class HypothesisTest:
                 np.where(held, 0.0, health), max(best + ODDS, disturbance + MARGIN))
         last = losses.evidence[longest]
         leads = self._gather(leads, block, last, servos, max(float(disturbances[longest]), 0.0))
+        if known and disturbance > LIMIT:
+            owes = (losses.raw[likeliest] > EXCESS * health) & (evidence > LIMIT)
+            leads = np.where(owes & (disturbance - evidence > DOUBT), -DEBT, leads)
         top = int(leads.argmax())
         weak = losses.raw[:, top].max() >= WEAK_LOSS * health[top]
         weak = weak and asked[longest, top] and not held[top]
@@ -342,7 +353,8 @@ class HypothesisTest:
             if partner is not None:
                 others[i, partner] = 0.0
         lead = np.minimum(evidence - np.maximum(others.max(axis=1), disturbance), LIMIT)
-        return np.asarray(np.maximum(leads + block / WINDOWS[-1] * lead, 0.0))
+        least = np.where(leads < 0.0, -DEBT, 0.0)
+        return np.asarray(np.maximum(leads + block / WINDOWS[-1] * lead, least))
 
     def _asked(self, ages: Array, given: Array) -> BoolArray:
         """Return which rotors (T, n) give enough thrust (T, 6, n) in each window to be named."""

@@ -10,7 +10,7 @@ from ca_ros.control.momentum_observer import GAP, MomentumObserver
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.hypothesis_test import LIMIT, TELLING, Finding, HypothesisTest
 from ca_ros.detection.motor_model import CommandedRotors
-from ca_ros.detection.noise_estimator import UsualMotion
+from ca_ros.detection.noise_estimator import LEARNING, UsualMotion
 from ca_ros.detection.rotor_beliefs import CERTAIN, RotorBeliefs
 from ca_ros.detection.windows import Windows
 from ca_ros.vehicle.settings import triple
@@ -198,7 +198,7 @@ class MotionTest:
             windows.ages, impulses[..., own], changes[..., own])
         found = self.hypotheses(
             windows.ages, windows.lacked, impulses, windows.lateral, variance, beliefs.health,
-            self._peaks, self._leads, block, beliefs.held)
+            self._peaks, self._leads, block, beliefs.held, usual.flown > LEARNING[0])
         self._leads = found.leads
         if found.greatest > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.

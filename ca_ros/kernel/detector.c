@@ -35,6 +35,9 @@
 #define CONTACT CA_REAL(4.0)
 #define LASTING CA_REAL(4.0)
 #define SEEN CA_REAL(15.0)
+#define EXCESS CA_REAL(1.2)
+#define DOUBT CA_REAL(3.0)
+#define DEBT CA_REAL(15.0)
 #define PRIOR CA_REAL(6.25)
 #define PAIRED CA_REAL(0.1)
 #define NEAR CA_REAL(2.83)
@@ -441,9 +444,11 @@ static ca_real of_disturbances(const ca_detector_model *model, const ca_block *w
     return evidence;
 }
 
-/* Gather how far each rotor leads all else in the longest window; name one that leads for long. */
+/* Gather how far each rotor leads all else in the longest window; name one that leads for long.
+ * A rotor that lacks more than it has, `lacking` where a disturbance is likeliest, gets a debt. */
 static void gather(const ca_detector *detector, const ca_block *window, ca_real block,
-                   const ca_real *evidence, ca_real disturbance, finding *found)
+                   const ca_real *evidence, ca_real disturbance, const ca_real *lacking,
+                   finding *found)
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
@@ -453,9 +458,12 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
         for (int j = 0; j < n; j++)
             if (j != i && j != partner_of(model, i))
                 rival = ca_max(rival, evidence[j]);
-        const ca_real lead = ca_min(evidence[i] - rival, LIMIT);
+        const ca_real lead = ca_min(evidence[i] - rival, LIMIT), before = detector->leads[i];
         found->leads[i] =
-            ca_max(detector->leads[i] + block / WINDOWS[CA_WINDOWS - 1] * lead, 0);
+            ca_max(before + block / WINDOWS[CA_WINDOWS - 1] * lead, before < 0 ? -DEBT : 0);
+        if (detector->flown > LEARNING && lacking[i] > EXCESS * detector->health[i] &&
+            found->evidence[i] > LIMIT && found->disturbance - found->evidence[i] > DOUBT)
+            found->leads[i] = -DEBT;
         top = found->leads[i] > found->leads[top] ? i : top;
     }
     if (found->names || !(found->leads[top] > LASTING && evidence[top] > SEEN) ||
@@ -477,6 +485,7 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
     ca_real evidence[CA_WINDOWS][CA_N], shares[CA_WINDOWS][CA_N], disturbances[CA_WINDOWS];
+    ca_real lacking[CA_WINDOWS][CA_N];
     int likeliest = 0;
     for (int i = 0; i < n; i++)
         found->evidence[i] = 0;
@@ -503,7 +512,7 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
             const ca_real lower = raw < 0 ? ca_min(1 - peak / own, 0) : 0;
             const ca_real upper = raw < 0 ? 0 : detector->health[i];
             const ca_real first = ca_clip(raw, lower, upper);
-            found->shares[i] = raw;
+            found->shares[i] = lacking[t][i] = raw;
             found->most[i] = t ? ca_max(found->most[i], raw) : raw;
             found->errors[i] = 1 / ca_sqrt(norm);
             shares[t][i] = evidence[t][i] = 0;
@@ -556,7 +565,7 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
         for (int i = 0; i < n; i++)
             leads &= i == rotor || i == partner || best - found->evidence[i] > ODDS;
         if (leads && share >= CLEAR_LOSS * detector->health[rotor] && !detector->arm[rotor] &&
-            is_asked(model, &windows[found->window], rotor))
+            !(detector->leads[rotor] < 0) && is_asked(model, &windows[found->window], rotor))
             name(found, rotor, share, partner,
                  partner >= 0 && best - found->evidence[partner] <= ODDS);
     } else if (found->disturbance > LIMIT) {
@@ -564,7 +573,7 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
                   ca_max(best + ODDS, found->disturbance + MARGIN), found);
     }
     gather(detector, &windows[CA_WINDOWS - 1], block, evidence[CA_WINDOWS - 1],
-           disturbances[CA_WINDOWS - 1], found);
+           disturbances[CA_WINDOWS - 1], lacking[likeliest], found);
 }
 
 /* The evidence that a rotor of a named arm has failed, less that of its partner. */
