@@ -263,10 +263,11 @@ def test_matrices_and_bounds_have_the_bits_of_python(page, tmp_path):
         (tmp_path / 'vehicle.yaml').write_text(text)
         vehicle = Vehicle.load(tmp_path / 'vehicle.yaml')
         assert got['axes'] == list(vehicle.axes)
-        assert np.array_equal(got['gamma'], control_allocation_matrix(vehicle)), text
-        assert np.array_equal(got['lower'], vehicle.thrust_min)
-        assert np.array_equal(got['upper'], vehicle.thrust_max)
-        assert np.array_equal(got['reference'][got['axes'].index('thrust')], vehicle.weight)
+        expected = {'gamma': control_allocation_matrix(vehicle), 'lower': vehicle.thrust_min,
+                    'upper': vehicle.thrust_max}
+        for name, numbers in expected.items():
+            np.testing.assert_array_equal(got[name], numbers, f'{name} of {text}')
+        assert got['reference'][got['axes'].index('thrust')] == vehicle.weight
 
 
 BAD = ['x', -1.0, 2.5, 1e10, float('nan'), [1.0, 2.0], [], None, True, '5', 0.0, 1e-40]
