@@ -1123,78 +1123,144 @@ static void gain_momentum(const ca_detector *detector, ca_real step, const ca_re
     gained[2] -= model->gravity * step;
 }
 
+/* What a state is, whose numbers are sound. */
+typedef struct {
+    const ca_real *motion;
+    ca_real rotation[3][3], world[6], momentum[6];
+} state;
+
+/* What lies between two states. */
+typedef struct {
+    ca_real length, thrusts[CA_N], turned[3][3], mean[6], drag[6];
+    int moving;
+} step;
+
+static int is_state(int64_t time, const ca_real attitude[4], const ca_real motion[6],
+                    const ca_real *specific_force)
+{
+    return is_time(time) && within(4, attitude, -CA_STATE_MAX, CA_STATE_MAX) &&
+           within(6, motion, -CA_STATE_MAX, CA_STATE_MAX) &&
+           ca_length(4, attitude) >= 1 / CA_STATE_MAX &&
+           (!specific_force || within(3, specific_force, -CA_STATE_MAX, CA_STATE_MAX));
+}
+
+static void set_state(const ca_detector_model *model, const ca_real attitude[4],
+                      const ca_real motion[6], state *now)
+{
+    now->motion = motion;
+    rotation_of(attitude, now->rotation);
+    rotate((const ca_real(*)[3])now->rotation, motion, now->world);
+    ca_copy(3, motion + 3, now->world + 3);
+    for (int k = 0; k < 3; k++)
+        now->momentum[k] = model->mass * now->world[k];
+    rotate(model->inertia, motion + 3, now->momentum + 3);
+}
+
+/* What came before says nothing of this state: it is long ago, or of another flight. */
+static void begin_anew(ca_detector *detector, int64_t time)
+{
+    blind(detector);
+    if (time >= detector->time)
+        return;
+    start_observer(detector);
+    detector->waiting = 0;
+    for (int i = 0; i < ROTORS(detector->model); i++)
+        detector->command[i] = detector->speeds[i] = 0;
+}
+
+/* Set what lies between the last state and this one, and the wrench that is expected meanwhile. */
+static void set_step(ca_detector *detector, int64_t time, const state *now, step *past)
+{
+    past->length = seconds(time - detector->time);
+    advance_rotors(detector, detector->time, time, past->thrusts);
+    expect_speeds(detector, time);
+    for (int i = 0; i < ROTORS(detector->model); i++)
+        past->thrusts[i] /= past->length;
+    for (int k = 0; k < 6; k++) {
+        past->mean[k] = CA_REAL(0.5) * (detector->motion[k] + now->motion[k]);
+        past->drag[k] = detector->drag[k] * (past->mean[k] - detector->moments[1][k]);
+        past->moving |= ca_abs(past->mean[k]) > detector->model->moving[k];
+    }
+    for (int k = 0; k < 3; k++)
+        for (int j = 0; j < 3; j++)
+            past->turned[k][j] = CA_REAL(0.5) * (detector->rotation[k][j] + now->rotation[k][j]);
+    expect(detector, (const ca_real(*)[3])past->turned, past->thrusts, past->mean + 3, past->drag);
+    if (detector->has_command) {
+        detector->blind -= time - detector->time;
+        detector->blind = detector->blind > 0 ? detector->blind : 0;
+    }
+}
+
+/* Compare the momentum gained with what was expected; return whether this step counts. */
+static int observe_step(ca_detector *detector, const state *now, const step *past,
+                        const ca_real *specific_force)
+{
+    ca_real gained[6], gain = 0;
+    /* What holds a vehicle that does not move may be the ground, which is not learnt. */
+    if (past->moving && detector->blind <= ACQUAINTED)
+        gain = learning_gain(detector, LEARNING);
+    for (int k = 0; k < 6; k++)
+        gained[k] = now->momentum[k] - detector->momentum[k];
+    if (specific_force && past->length > 0) {
+        ca_real change[3];
+        for (int k = 0; k < 3; k++)
+            change[k] = now->motion[k + 3] - detector->motion[k + 3];
+        gain_momentum(detector, past->length, (const ca_real(*)[3])past->turned, past->mean + 3,
+                      change, specific_force, gained);
+    }
+    detector->measures_force = specific_force != 0;
+    if (detector->interrupted && detector->timed)
+        return 0;
+    return update(detector, past->length, gained, now->world, gain);
+}
+
+/* Add a step to the block. */
+static void add(ca_detector *detector, const step *past)
+{
+    const int n = ROTORS(detector->model);
+    if (!(detector->flown > 0))
+        ca_copy(n, past->thrusts, detector->mean_thrusts);
+    detector->flown += past->length;
+    rotate_back((const ca_real(*)[3])past->turned, detector->lacked);
+    detector->sums.length += past->length;
+    for (int k = 0; k < 6; k++)
+        detector->sums.impulse[k] += detector->lacked[k];
+    /* The drag across the axes of the rotors. */
+    ca_real steady[6];
+    ca_copy(6, detector->estimate, steady);
+    rotate_back((const ca_real(*)[3])past->turned, steady);
+    for (int k = 0; k < 2; k++)
+        detector->sums.lateral[k] += past->length * (steady[k] + past->drag[k]);
+    for (int i = 0; i < n; i++) {
+        detector->sums.given[i] += past->length * past->thrusts[i];
+        detector->sums.total += past->length * ca_abs(past->thrusts[i]);
+    }
+}
+
 int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attitude[4],
                         const ca_real motion[6], const ca_real *specific_force)
 {
-    const ca_detector_model *model = detector->model;
-    const int n = ROTORS(model);
-    ca_real rotation[3][3], turned[3][3] = {{0}}, momentum[6], world[6];
-    ca_real thrusts[CA_N] = {0}, mean[6] = {0}, drag[6] = {0}, step = 0, gain = 0;
-    int moving = 0, counts = 0;
-    const ca_real length = ca_length(4, attitude);
-    if (!(is_time(time) && within(4, attitude, -CA_STATE_MAX, CA_STATE_MAX) &&
-          within(6, motion, -CA_STATE_MAX, CA_STATE_MAX) && length >= 1 / CA_STATE_MAX &&
-          (!specific_force || within(3, specific_force, -CA_STATE_MAX, CA_STATE_MAX))))
+    state now;
+    step past;
+    int counts = 0;
+    if (!is_state(time, attitude, motion, specific_force))
         return -1;
     if (ignores(detector, time))
         return 0;
-    rotation_of(attitude, rotation);
-    rotate((const ca_real(*)[3])rotation, motion, world);
-    ca_copy(3, motion + 3, world + 3);
-    for (int k = 0; k < 3; k++)
-        momentum[k] = model->mass * world[k];
-    rotate(model->inertia, motion + 3, momentum + 3);
+    set_state(detector->model, attitude, motion, &now);
+    memset(&past, 0, sizeof past);
     if (detector->timed && (time < detector->time || time - detector->time >= GAP)) {
-        blind(detector);
-        if (time < detector->time) {
-            start_observer(detector);
-            detector->waiting = 0;
-            for (int i = 0; i < n; i++)
-                detector->command[i] = detector->speeds[i] = 0;
-        }
+        begin_anew(detector, time);
     } else {
-        if (detector->timed) {
-            step = seconds(time - detector->time);
-            advance_rotors(detector, detector->time, time, thrusts);
-            expect_speeds(detector, time);
-            for (int i = 0; i < n; i++)
-                thrusts[i] /= step;
-            for (int k = 0; k < 6; k++) {
-                mean[k] = CA_REAL(0.5) * (detector->motion[k] + motion[k]);
-                drag[k] = detector->drag[k] * (mean[k] - detector->moments[1][k]);
-                moving |= ca_abs(mean[k]) > model->moving[k];
-            }
-            for (int k = 0; k < 3; k++)
-                for (int j = 0; j < 3; j++)
-                    turned[k][j] = CA_REAL(0.5) * (detector->rotation[k][j] + rotation[k][j]);
-            expect(detector, (const ca_real(*)[3])turned, thrusts, mean + 3, drag);
-            if (detector->has_command) {
-                detector->blind -= time - detector->time;
-                detector->blind = detector->blind > 0 ? detector->blind : 0;
-            }
-            /* What holds a vehicle that does not move may be the ground, which is not learnt. */
-            if (moving && detector->blind <= ACQUAINTED)
-                gain = learning_gain(detector, LEARNING);
-        }
-        ca_real gained[6];
-        for (int k = 0; k < 6; k++)
-            gained[k] = momentum[k] - detector->momentum[k];
-        if (specific_force && step > 0) {
-            ca_real change[3];
-            for (int k = 0; k < 3; k++)
-                change[k] = motion[k + 3] - detector->motion[k + 3];
-            gain_momentum(detector, step, (const ca_real(*)[3])turned, mean + 3, change,
-                          specific_force, gained);
-        }
-        detector->measures_force = specific_force != 0;
-        if (!detector->interrupted || !detector->timed)
-            counts = update(detector, step, gained, world, gain);
+        if (detector->timed)
+            set_step(detector, time, &now, &past);
+        counts = observe_step(detector, &now, &past, specific_force);
     }
     detector->time = time;
     detector->timed = 1;
     detector->doubted = detector->interrupted = 0;
-    ca_copy(6, momentum, detector->momentum);
-    memcpy(detector->rotation, rotation, sizeof rotation);
+    ca_copy(6, now.momentum, detector->momentum);
+    memcpy(detector->rotation, now.rotation, sizeof now.rotation);
     ca_copy(6, motion, detector->motion);
     if (detector->standing || detector->blind > ACQUAINTED) {
         if (detector->blind <= ACQUAINTED)
@@ -1204,22 +1270,7 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
     }
     if (!counts)
         return 0;
-    if (!(detector->flown > 0))
-        ca_copy(n, thrusts, detector->mean_thrusts);
-    detector->flown += step;
-    rotate_back((const ca_real(*)[3])turned, detector->lacked);
-    detector->sums.length += step;
-    for (int k = 0; k < 6; k++)
-        detector->sums.impulse[k] += detector->lacked[k];
-    /* The drag across the axes of the rotors. */
-    ca_real steady[6];
-    ca_copy(6, detector->estimate, steady);
-    rotate_back((const ca_real(*)[3])turned, steady);
-    for (int k = 0; k < 2; k++)
-        detector->sums.lateral[k] += step * (steady[k] + drag[k]);
-    for (int i = 0; i < n; i++) {
-        detector->sums.given[i] += step * thrusts[i];
-        detector->sums.total += step * ca_abs(thrusts[i]);
-    }
-    return detector->sums.length >= BLOCK && test_windows(detector, time, thrusts, moving);
+    add(detector, &past);
+    return detector->sums.length >= BLOCK &&
+           test_windows(detector, time, past.thrusts, past.moving);
 }
