@@ -13,7 +13,11 @@ from ca_ros.vehicle.vehicle import Vehicle
 CLEAR_LOSS = 0.5  # least share of its thrust that a rotor lost which is named at once
 LEAST_LOSS = 0.4  # the same of each of two rotors, and of one whose servo sticks or that is slow
 WEAK_LOSS = 0.3  # the same, in one of the windows, of one that leads for long
-ASKED = 0.75  # least thrust of a rotor that is named, as commanded, over that of hover
+
+ASKED = 0.75
+"""Least thrust of a rotor that is named, as commanded, over its usual one, which is taken as that
+of hover at most, and as half of that at least."""
+
 THRUST_ERROR = 0.1  # relative standard deviation of the thrust of each rotor
 
 DRAG_LOST = 0.5
@@ -227,8 +231,8 @@ class HypothesisTest:
 
     def __call__(
         self, ages: Array, lacked: Array, given: Array, lateral: Array, variance: Array,
-        health: Array, peaks: Array, leads: Array, block: float, arms: Sequence[int] = (),
-        known: bool = True,
+        health: Array, peaks: Array, usual: Array, leads: Array, block: float,
+        arms: Sequence[int] = (), known: bool = True,
     ) -> Finding:
         """Test windows.
 
@@ -238,13 +242,14 @@ class HypothesisTest:
         - `lateral` (T, 2): see `signatures`
         - `health` (n,)
         - `peaks` (n,): the greatest thrust that each rotor gave about the last second [N]
+        - `usual` (n,): the mean thrust of each rotor [N]
         - `leads` (n,): what each rotor has gathered
         - `block`: time since the last test [s]
         - `arms`: rotors of named arms, which are not named again
         - `known`: whether it flies for long enough that no rotor owes a lead for the take-off
         """
         n, longest = len(health), len(ages) - 1
-        held, asked = np.isin(np.arange(n), arms), self._asked(ages, given[:, :, :n])
+        held, asked = np.isin(np.arange(n), arms), self._asked(ages, given[:, :, :n], usual)
         signature, error = self.signatures(given[:, :, :n], lateral)
         seen = (lacked**2 / variance).sum(axis=1)
         least = _least_shares(ages, given[:, :, :n], peaks)
@@ -356,10 +361,11 @@ class HypothesisTest:
         least = np.where(leads < 0.0, -DEBT, 0.0)
         return np.asarray(np.maximum(leads + block / WINDOWS[-1] * lead, least))
 
-    def _asked(self, ages: Array, given: Array) -> BoolArray:
+    def _asked(self, ages: Array, given: Array, usual: Array) -> BoolArray:
         """Return which rotors (T, n) give enough thrust (T, 6, n) in each window to be named."""
-        least = ASKED * ages[:, None] * self.disturbances[0, 0] ** 0.5
-        return np.asarray(np.linalg.norm(given[:, :3], axis=1) >= least)
+        hover = self.disturbances[0, 0] ** 0.5
+        least = ASKED * np.minimum(np.maximum(usual, 0.5 * hover), hover)
+        return np.asarray(np.linalg.norm(given[:, :3], axis=1) >= least * ages[:, None])
 
     def _rival(self, evidence: Array, rotor: int) -> float:
         """Return the greatest evidence (n,) of a rotor that is not this one or its partner."""

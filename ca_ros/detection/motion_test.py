@@ -17,7 +17,7 @@ from ca_ros.vehicle.settings import triple
 from ca_ros.vehicle.state import cross, rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
-CONFIRMATIONS = 3  # tests in a row that name the same rotors before these count as failed
+CONFIRMATIONS = 3  # tests of a suspicion that name the same rotors, and no others
 MOVING = 5.0  # motion of a vehicle that moves, over the noise in the settings
 
 TOTAL = 0.8
@@ -198,7 +198,8 @@ class MotionTest:
             windows.ages, impulses[..., own], changes[..., own])
         found = self.hypotheses(
             windows.ages, windows.lacked, impulses, windows.lateral, variance, beliefs.health,
-            self._peaks, self._leads, block, beliefs.held, usual.flown > LEARNING[0])
+            self._peaks, usual.thrusts, self._leads, block, beliefs.held,
+            usual.flown > LEARNING[0])
         self._leads = found.leads
         if found.greatest > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
@@ -217,10 +218,11 @@ class MotionTest:
         return changed
 
     def _confirm(self, found: Finding) -> bool:
-        """Return whether the same rotors are named in enough tests."""
+        """Return whether the same rotors, and no others, are named in enough tests."""
+        if not found.named:
+            return False
         named = (*found.named, -1) if found.arm else found.named
-        repeated = bool(named) and named == self._named
-        self._count = self._count + 1 if repeated else int(bool(found.named))
+        self._count = self._count + 1 if named == self._named else 1
         self._named = named
         if self._count < CONFIRMATIONS:
             return False

@@ -50,6 +50,11 @@ class UsualMotion:
         """Begin a flight."""
         self.flown, self._since, self._given = 0.0, 0.0, np.zeros((6, self._n))
 
+    @property
+    def thrusts(self) -> Array:
+        """The mean thrust of each rotor (n,) [N]."""
+        return np.asarray(np.linalg.norm(self._given[:3], axis=0))
+
     def gain(self, time: float = LEARNING[0]) -> float:
         """Return the rate of learning over a time [1/s]: greater in the beginning of a flight."""
         return 1.0 / min(time, self.flown + 0.05)

@@ -403,11 +403,13 @@ static int partner_of(const ca_detector_model *model, int rotor)
     return (int)model->partner[rotor];
 }
 
-/* Whether a rotor is asked for enough thrust to be named. */
-static int is_asked(const ca_detector_model *model, const ca_block *window, int rotor)
+/* Whether a rotor is asked for enough thrust to be named, over its usual one or that of hover. */
+static int is_asked(const ca_detector *detector, const ca_block *window, int rotor)
 {
-    const ca_real asked = window->given[rotor] / window->length;
-    return asked * asked >= ASKED * ASKED * model->disturbance[0][0];
+    const ca_real hover = ca_sqrt(detector->model->disturbance[0][0]);
+    const ca_real usual = ca_abs(detector->mean_thrusts[rotor]);
+    const ca_real least = ASKED * ca_clip(usual, CA_REAL(0.5) * hover, hover);
+    return ca_abs(window->given[rotor]) >= least * window->length;
 }
 
 /* Name a rotor, or the arm of which it is one. */
@@ -468,7 +470,7 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
     }
     if (found->names || !(found->leads[top] > LASTING && evidence[top] > SEEN) ||
         found->most[top] < WEAK_LOSS * detector->health[top] || detector->arm[top] ||
-        !is_asked(model, window, top))
+        !is_asked(detector, window, top))
         return;
     const int partner = partner_of(model, top);
     found->rotor = top;
@@ -565,7 +567,7 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
         for (int i = 0; i < n; i++)
             leads &= i == rotor || i == partner || best - found->evidence[i] > ODDS;
         if (leads && share >= CLEAR_LOSS * detector->health[rotor] && !detector->arm[rotor] &&
-            !(detector->leads[rotor] < 0) && is_asked(model, &windows[found->window], rotor))
+            !(detector->leads[rotor] < 0) && is_asked(detector, &windows[found->window], rotor))
             name(found, rotor, share, partner,
                  partner >= 0 && best - found->evidence[partner] <= ODDS);
     } else if (found->disturbance > LIMIT) {
@@ -851,17 +853,19 @@ static void clear_suspicion(ca_detector *detector)
             detector->probabilities[i] = 0;
 }
 
-/* Whether the same rotors were named in enough tests. */
+/* Whether the same rotors, and no others, were named in enough tests of a suspicion. */
 static int confirmed(ca_detector *detector, const finding *found)
 {
     int same = found->names == detector->names && found->arm == detector->named_arm;
+    if (!found->names)
+        return 0;
     for (int k = 0; k < found->names; k++) {
         same = same && found->named[k] == detector->named[k];
         detector->named[k] = found->named[k];
     }
     detector->names = found->names;
     detector->named_arm = found->arm;
-    detector->count = found->names ? (same ? detector->count + 1 : 1) : 0;
+    detector->count = same ? detector->count + 1 : 1;
     if (detector->count < CONFIRMATIONS)
         return 0;
     detector->count = 0;
