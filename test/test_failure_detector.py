@@ -137,7 +137,7 @@ def test_an_accelerometer_shows_a_loss_and_a_push():
 
 
 @pytest.mark.parametrize(('vehicle', 'angle', 'left'), [
-    ('hexarotor_tilting', 0.6, 0.0), ('tricopter', -0.3, 1.0),
+    ('hexarotor_tilting', 0.6, 0.0), ('hexarotor_tilting', -0.6, 0.0), ('tricopter', -0.3, 1.0),
 ])
 def test_a_servo_that_sticks_is_found(vehicle, angle, left):
     # Its rotor is taken out of use, unless the vehicle would fall without it.

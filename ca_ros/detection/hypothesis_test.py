@@ -11,7 +11,8 @@ from ca_ros.detection.windows import WINDOWS
 from ca_ros.vehicle.vehicle import Vehicle
 
 CLEAR_LOSS = 0.5  # least share of its thrust that a rotor lost which is named at once
-LEAST_LOSS = 0.4  # the same of each of two rotors, and of one whose servo sticks or that is slow
+LEAST_LOSS = 0.4  # the same of each of two rotors, and of one that is slow
+LEAST_TURN = 0.25  # least change of force over thrust of a rotor whose servo sticks
 WEAK_LOSS = 0.3  # the same, in one of the windows, of one that leads for long
 
 ASKED = 0.75
@@ -271,7 +272,7 @@ class HypothesisTest:
         leads_all = best - self._rival(evidence, rotor) > ODDS
         if best > LIMIT and best - disturbance > MARGIN:
             if servo is not None:
-                if leads_all and servo.share >= LEAST_LOSS:
+                if leads_all and servo.share >= LEAST_TURN:
                     named, lost, angle = (rotor,), health[[rotor]], servo.angle
             else:
                 likely = losses.evidence[:, rotor] >= best - NEAR * best**0.5
