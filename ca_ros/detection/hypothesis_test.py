@@ -56,9 +56,11 @@ sqrt(2 pi / information); 2 pi is rounded."""
 NEAR = 2.83  # windows with less evidence than the best by this times its root are as likely
 
 PAIRED = 0.1
-"""Share of the variance of what rotors give that counts for pairs, which differ by less."""
+"""Share of the variance of thrusts that counts for pairs, which differ by less."""
 
-LEVER = 0.6
+PAIR_ODDS = 1.0  # lead of a pair from which a rotor alone is not named
+
+LEVER = 0.36
 """Least lever of the wrench that two failing rotors take, over that of one rotor: one with a
 shorter lever may be a load, too."""
 
@@ -188,8 +190,13 @@ class HypothesisTest:
 
     If the rotor does not lead its partner of a coaxial pair, the
     arm is named, until `of_arm` tells which one has failed.  Servos that stick compete with the
-    rotors: see `stuck_servos`.  If no rotor is named, all pairs are tested whose loss cannot be a
-    load, in the window in which a disturbance is likeliest.
+    rotors: see `stuck_servos`.
+
+    Pairs of rotors are tested where a rotor would be named, in its window: the rotor between two
+    that are lost explains their torque, and is not named if a pair leads it by `PAIR_ODDS`.  Where
+    a disturbance is over `LIMIT` and no rotor leads it, they are tested in the window in which the
+    disturbance is likeliest.  A pair is named if it leads a rotor by `ODDS`, a disturbance by
+    `MARGIN`, and cannot be a load.
 
     - `vehicle`
     - `wrenches` (6, n): force and torque per thrust of each rotor
@@ -208,14 +215,17 @@ class HypothesisTest:
         self._arms = vehicle.arms.T
         self._servos = vehicle.servos
 
-    def signatures(self, given: Array, lateral: Array) -> tuple[Array, Array]:
+    def signatures(
+        self, given: Array, lateral: Array, share: float = 1.0
+    ) -> tuple[Array, Array]:
         """Return what the sound rotors give in each window, and its variance, both (T, 6, n).
 
         - `given` (T, 6, n): by their thrusts [N s, N m s]
         - `lateral` (T, 2): the drag along x and y [N s]
+        - `share`: of the variance of the thrusts that counts
         """
         drag = self.drags(given, lateral)
-        thrusts = THRUST_ERROR**2 * (given[:, :3] ** 2).sum(axis=1)
+        thrusts = share * THRUST_ERROR**2 * (given[:, :3] ** 2).sum(axis=1)
         error = thrusts[:, None, :] * self.unit[:, None] + drag**2
         return given + drag, error
 
@@ -270,6 +280,12 @@ class HypothesisTest:
         named: tuple[int, ...] = ()
         lost, angle, arm = np.zeros(0), None, False
         leads_all = best - self._rival(evidence, rotor) > ODDS
+
+        def pairs(t: int) -> tuple[tuple[int, ...], Array, float]:
+            return self._pair(
+                lacked[t], variance[t], given[t, :, :n], lateral[t], np.where(held, 0.0, health),
+                max(best + ODDS, disturbance + MARGIN))
+
         if best > LIMIT and best - disturbance > MARGIN:
             if servo is not None:
                 if leads_all and servo.share >= LEAST_TURN:
@@ -280,11 +296,12 @@ class HypothesisTest:
                 share = losses.shares[window, rotor]
                 clear = share >= CLEAR_LOSS * health[rotor] and asked[window, rotor]
                 if leads_all and clear and not held[rotor] and leads[rotor] >= 0.0:
-                    named, lost, arm = self._name(rotor, share, evidence)
+                    # The rotor between two lost ones explains their torque.
+                    named, lost, score = pairs(window)
+                    if not named and best > score - PAIR_ODDS:
+                        named, lost, arm = self._name(rotor, share, evidence)
         elif disturbance > LIMIT:
-            named, lost = self._pair(
-                lacked[likeliest], variance[likeliest], signature[likeliest], error[likeliest],
-                np.where(held, 0.0, health), max(best + ODDS, disturbance + MARGIN))
+            named, lost, _ = pairs(likeliest)
         last = losses.evidence[longest]
         leads = self._gather(leads, block, last, servos, max(float(disturbances[longest]), 0.0))
         if known and disturbance > LIMIT:
@@ -401,11 +418,15 @@ class HypothesisTest:
         return float(ratios[abs(ratios).argmax()])
 
     def _pair(
-        self, lacked: Array, variance: Array, given: Array, error: Array, health: Array,
+        self, lacked: Array, variance: Array, given: Array, lateral: Array, health: Array,
         bound: float,
-    ) -> tuple[tuple[int, ...], Array]:
-        """Return the two rotors whose failures explain a window, and what they lost, if any."""
-        wider = variance[:, None, None] + PAIRED * (error[:, :, None] + error[:, None, :])
+    ) -> tuple[tuple[int, ...], Array, float]:
+        """Return two rotors whose failures explain a window, what they lost, and their evidence.
+
+        Only the evidence if it is not over the bound, or they are not named for another reason.
+        """
+        given, error = (each[0] for each in self.signatures(given[None], lateral[None], PAIRED))
+        wider = variance[:, None, None] + error[:, :, None] + error[:, None, :]
         product = -np.einsum('ki,k,kij->ij', given, lacked, 1.0 / wider)
         norm = np.einsum('ki,kij->ij', given**2, 1.0 / wider)
         mixed = np.einsum('ki,kj,kij->ij', given, given, 1.0 / wider)
@@ -423,10 +444,10 @@ class HypothesisTest:
         scores = 0.5 * (rest + taken + taken.T - np.log(ratio))
         upper = np.triu(np.where(possible & possible.T, scores, 0.0), 1)
         i, j = (int(k) for k in np.unravel_index(upper.argmax(), upper.shape))
-        score, upper[i, j] = upper[i, j], 0.0
+        score, upper[i, j] = float(upper[i, j]), 0.0
         if score <= max(LIMIT, bound) or score - float(upper.max()) <= ODDS:
-            return (), np.zeros(0)
+            return (), np.zeros(0), score
         force, torque = (given[:, [i, j]] @ [first[i, j], first[j, i]]).reshape(2, 3)
         if np.linalg.norm(torque) < self.lever * np.linalg.norm(force):
-            return (), np.zeros(0)
-        return (i, j), np.minimum([first[i, j], first[j, i]], health[[i, j]])
+            return (), np.zeros(0), score
+        return (i, j), np.minimum([first[i, j], first[j, i]], health[[i, j]]), score

@@ -39,6 +39,7 @@
 #define DOUBT CA_REAL(3.0)
 #define DEBT CA_REAL(15.0)
 #define PRIOR CA_REAL(6.25)
+#define PAIR_ODDS CA_REAL(1.0)
 #define PAIRED CA_REAL(0.1)
 #define NEAR CA_REAL(2.83)
 #define LEARNING CA_REAL(2.0)
@@ -333,16 +334,21 @@ static void signature_of(const ca_detector_model *model, const ca_block *window,
     }
 }
 
-/* Find two rotors whose failures explain a window. */
-static void find_pair(const ca_detector *detector, const ca_block *window,
-                      const ca_real *variance, ca_real bound, finding *found)
+/* Find two rotors whose failures explain a window; name them if their evidence is over a bound.
+ * Return the evidence for the likeliest two. */
+static ca_real find_pair(const ca_detector *detector, const ca_block *window,
+                         const ca_real *variance, ca_real bound, finding *found)
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
     ca_real given[CA_N][6], errors[CA_N][6], best = 0, rival = 0, lost[2] = {0, 0}, taken[6];
     int pair[2] = {0, 0};
-    for (int i = 0; i < n; i++)
+    for (int i = 0; i < n; i++) {
+        const ca_real thrust = THRUST_ERROR * window->given[i];
         signature_of(model, window, i, given[i], errors[i]);
+        for (int k = 0; k < 6; k++)
+            errors[i][k] -= (1 - PAIRED) * (thrust * thrust * model->unit[k]);
+    }
     for (int i = 0; i < n; i++)
         for (int j = i + 1; j < n; j++) {
             const ca_real levels[2] = {detector->health[i], detector->health[j]};
@@ -350,7 +356,7 @@ static void find_pair(const ca_detector *detector, const ca_block *window,
                 continue;
             ca_real a = 0, b = 0, ab = 0, aa = 0, bb = 0, rest = 0, ratio = 1;
             for (int k = 0; k < 6; k++) {
-                const ca_real v = variance[k] + PAIRED * (errors[i][k] + errors[j][k]);
+                const ca_real v = variance[k] + errors[i][k] + errors[j][k];
                 const ca_real c = window->impulse[k], inverse = 1 / v;
                 a -= given[i][k] * c * inverse;
                 b -= given[j][k] * c * inverse;
@@ -385,16 +391,17 @@ static void find_pair(const ca_detector *detector, const ca_block *window,
             }
         }
     if (best <= LIMIT || best - rival <= ODDS || best <= bound)
-        return;
+        return best;
     for (int k = 0; k < 6; k++)
         taken[k] = given[pair[0]][k] * lost[0] + given[pair[1]][k] * lost[1];
     if (ca_length(3, taken + 3) < model->lever * ca_length(3, taken))
-        return;
+        return best;
     found->names = 2;
     for (int k = 0; k < 2; k++) {
         found->named[k] = pair[k];
         found->lost[k] = ca_min(lost[k], detector->health[pair[k]]);
     }
+    return best;
 }
 
 /* The other rotor of a coaxial pair, or -1. */
@@ -554,6 +561,7 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
     found->rotor = rotor;
     found->names = found->arm = found->lasting = 0;
     found->window = likeliest;
+    const ca_real bound = ca_max(best + ODDS, found->disturbance + MARGIN);
     if (best > LIMIT && best - found->disturbance > MARGIN) {
         /* The greatest share of all windows that are about as likely. */
         const int partner = partner_of(model, rotor);
@@ -567,12 +575,16 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
         for (int i = 0; i < n; i++)
             leads &= i == rotor || i == partner || best - found->evidence[i] > ODDS;
         if (leads && share >= CLEAR_LOSS * detector->health[rotor] && !detector->arm[rotor] &&
-            !(detector->leads[rotor] < 0) && is_asked(detector, &windows[found->window], rotor))
-            name(found, rotor, share, partner,
-                 partner >= 0 && best - found->evidence[partner] <= ODDS);
+            !(detector->leads[rotor] < 0) && is_asked(detector, &windows[found->window], rotor)) {
+            /* The rotor between two lost ones explains their torque. */
+            const ca_real pair = find_pair(detector, &windows[found->window],
+                                           variance[found->window], bound, found);
+            if (!found->names && best > pair - PAIR_ODDS)
+                name(found, rotor, share, partner,
+                     partner >= 0 && best - found->evidence[partner] <= ODDS);
+        }
     } else if (found->disturbance > LIMIT) {
-        find_pair(detector, &windows[likeliest], variance[likeliest],
-                  ca_max(best + ODDS, found->disturbance + MARGIN), found);
+        find_pair(detector, &windows[likeliest], variance[likeliest], bound, found);
     }
     gather(detector, &windows[CA_WINDOWS - 1], block, evidence[CA_WINDOWS - 1],
            disturbances[CA_WINDOWS - 1], lacking[likeliest], found);
