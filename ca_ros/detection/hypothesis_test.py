@@ -1,19 +1,20 @@
 """The test for failures: what explains an impulse: lost thrust, a stuck servo, a disturbance."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.detection.stuck_servos import stuck_servos
+from ca_ros.detection.losses import Losses, least_shares, losses_of
+from ca_ros.detection.pairs import PAIRED, likeliest_pair
+from ca_ros.detection.stuck_servos import StuckServo, stuck_servos
 from ca_ros.detection.windows import WINDOWS
 from ca_ros.vehicle.vehicle import Vehicle
 
 CLEAR_LOSS = 0.5  # least share of its thrust that a rotor lost which is named at once
-LEAST_LOSS = 0.4  # the same of each of two rotors, and of one that is slow
 LEAST_TURN = 0.25  # least change of force over thrust of a rotor whose servo sticks
-WEAK_LOSS = 0.3  # the same, in one of the windows, of one that leads for long
+WEAK_LOSS = 0.3  # least share lost, in one of the windows, by a rotor that leads for long
 
 ASKED = 0.75
 """Least thrust of a rotor that is named, as commanded, over its usual one, which is taken as that
@@ -49,14 +50,7 @@ EXCESS, DOUBT, DEBT = 1.2, 3.0, 15.0
 """A rotor that would lack so much of its health, in the window in which a disturbance is likeliest
 and leads it by `DOUBT`, owes a lead of `DEBT` before it is named: it gives no more than it has."""
 
-PRIOR = 6.25
-"""The share lost is taken as uniform from 0 to 1.  Its likelihood has an integral of
-sqrt(2 pi / information); 2 pi is rounded."""
-
 NEAR = 2.83  # windows with less evidence than the best by this times its root are as likely
-
-PAIRED = 0.1
-"""Share of the variance of thrusts that counts for pairs, which differ by less."""
 
 PAIR_ODDS = 1.0  # lead of a pair from which a rotor alone is not named
 
@@ -85,19 +79,6 @@ def partners(wrenches: Array, arm: float) -> list[int | None]:
         j = int(row.argmin())
         found.append(j if row[j] < COAXIAL and away[j].argmin() == i else None)
     return found
-
-
-def _least_shares(ages: Array, given: Array, peaks: Array) -> Array:
-    """Return the least share (T, n) that each rotor may have lost, 0 or negative.
-
-    A negative share says that the rotor gives more than commanded: at most its peak thrust.
-
-    `ages`, `given` (T, 6, n) and `peaks`: see `HypothesisTest.__call__`.
-    """
-    most = ages[:, None] * peaks
-    # A rotor that is commanded hardly any thrust has a large share, but a finite one.
-    own = np.maximum(np.linalg.norm(given[:, :3], axis=1), 0.01 * most + 1e-9)
-    return np.minimum(1.0 - most / own, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,20 +126,36 @@ class Finding:
 
 
 @dataclass(frozen=True, eq=False)
-class Losses:
-    """What the loss of each rotor explains in each window, (T, n) but for `excess`.
+class _Name:
+    """What is named: see `Finding`."""
 
-    - `evidence`: see `Finding`
-    - `excess` (T,): the same for the likeliest rotor that gives more than commanded
-    - `shares`: the likeliest loss, within [0, health]
-    - `raw` and `errors`: the loss without bounds, and its standard deviation
+    rotors: tuple[int, ...] = ()
+    lost: Array = field(default_factory=lambda: np.zeros(0))
+    arm: bool = False
+    angle: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """What is tested, and what explains it.
+
+    - `lacked`, `variance`, `given` (T, 6, n), `lateral` and `health`: see
+      `HypothesisTest.__call__`
+    - `held` (n,): whether each rotor is one of a named arm
+    - `asked` (T, n): whether it is asked for enough thrust to be named
+    - `losses`, `evidence` (n,) and `disturbance`: see `Losses` and `Finding`
     """
 
+    lacked: Array
+    variance: Array
+    given: Array
+    lateral: Array
+    health: Array
+    held: BoolArray
+    asked: BoolArray
+    losses: Losses
     evidence: Array
-    excess: Array
-    shares: Array
-    raw: Array
-    errors: Array
+    disturbance: float
 
 
 class HypothesisTest:
@@ -260,11 +257,11 @@ class HypothesisTest:
         - `known`: whether it flies for long enough that no rotor owes a lead for the take-off
         """
         n, longest = len(health), len(ages) - 1
-        held, asked = np.isin(np.arange(n), arms), self._asked(ages, given[:, :, :n], usual)
-        signature, error = self.signatures(given[:, :, :n], lateral)
+        own = given[:, :, :n]
+        signature, error = self.signatures(own, lateral)
         seen = (lacked**2 / variance).sum(axis=1)
-        least = _least_shares(ages, given[:, :, :n], peaks)
-        losses = self._of_losses(lacked, signature, error, variance, seen, least, health)
+        losses = losses_of(
+            lacked, signature, error, variance, seen, least_shares(ages, own, peaks), health)
         disturbances = np.maximum(
             self._of_disturbances(ages, lacked, variance, seen), losses.excess)
         likeliest = int(disturbances.argmax())
@@ -276,77 +273,60 @@ class HypothesisTest:
             servo = servo if servo.evidence > evidence.max() else None
             evidence = np.maximum(evidence, servos)
         rotor = int(evidence.argmax()) if servo is None else servo.rotor
-        best, window = float(evidence[rotor]), likeliest if servo is None else servo.window
-        named: tuple[int, ...] = ()
-        lost, angle, arm = np.zeros(0), None, False
-        leads_all = best - self._rival(evidence, rotor) > ODDS
-
-        def pairs(t: int) -> tuple[tuple[int, ...], Array, float]:
-            return self._pair(
-                lacked[t], variance[t], given[t, :, :n], lateral[t], np.where(held, 0.0, health),
-                max(best + ODDS, disturbance + MARGIN))
-
-        if best > LIMIT and best - disturbance > MARGIN:
-            if servo is not None:
-                if leads_all and servo.share >= LEAST_TURN:
-                    named, lost, angle = (rotor,), health[[rotor]], servo.angle
-            else:
-                likely = losses.evidence[:, rotor] >= best - NEAR * best**0.5
-                window = int(np.where(likely, losses.shares[:, rotor], -1.0).argmax())
-                share = losses.shares[window, rotor]
-                clear = share >= CLEAR_LOSS * health[rotor] and asked[window, rotor]
-                if leads_all and clear and not held[rotor] and leads[rotor] >= 0.0:
-                    # The rotor between two lost ones explains their torque.
-                    named, lost, score = pairs(window)
-                    if not named and best > score - PAIR_ODDS:
-                        named, lost, arm = self._name(rotor, share, evidence)
-        elif disturbance > LIMIT:
-            named, lost, _ = pairs(likeliest)
+        case = _Case(
+            lacked, variance, own, lateral, health, np.isin(np.arange(n), arms),
+            self._asked(ages, own, usual), losses, evidence, disturbance)
+        name, window = self._now(case, rotor, likeliest, servo, leads)
         last = losses.evidence[longest]
         leads = self._gather(leads, block, last, servos, max(float(disturbances[longest]), 0.0))
         if known and disturbance > LIMIT:
             owes = (losses.raw[likeliest] > EXCESS * health) & (evidence > LIMIT)
             leads = np.where(owes & (disturbance - evidence > DOUBT), -DEBT, leads)
-        top = int(leads.argmax())
-        weak = losses.raw[:, top].max() >= WEAK_LOSS * health[top]
-        weak = weak and asked[longest, top] and not held[top]
-        lasting = bool(not named and leads[top] > LASTING and last[top] > SEEN and weak)
+        lasting = bool(not name.rotors and self._lasts(case, leads))
         if lasting:
-            rotor, window, share = top, longest, min(losses.raw[longest, top], health[top])
-            named, lost, arm = self._name(top, share, leads)
+            rotor, window = int(leads.argmax()), longest
+            name = self._name(rotor, min(losses.raw[longest, rotor], health[rotor]), leads)
         return Finding(
-            evidence, disturbance, rotor, named, arm, lost, angle, window, leads, lasting,
-            losses.raw[longest], losses.errors[longest])
+            evidence, disturbance, rotor, name.rotors, name.arm, name.lost, name.angle, window,
+            leads, lasting, losses.raw[longest], losses.errors[longest])
 
-    def _of_losses(
-        self, lacked: Array, signature: Array, error: Array, variance: Array, seen: Array,
-        least: Array, health: Array,
-    ) -> Losses:
-        """Return the evidence for the loss of each rotor.
+    def _now(
+        self, case: _Case, rotor: int, likeliest: int, servo: StuckServo | None, leads: Array
+    ) -> tuple[_Name, int]:
+        """Return what is named by the evidence of one test, and the window that shows it.
 
-        `signature` and `error` (T, 6, n): what it gives, and its variance; `seen` (T,): chi
-        squared of what is lacked; `least` (T, n): see `_least_shares`.
-        Others: see `__call__`.
+        - `rotor`: the likeliest one
+        - `likeliest`: the window in which a disturbance is likeliest
+        - `servo`: that of the rotor, if it sticks
+        - `leads` (n,): what each rotor has gathered
         """
-        def products(weights: Array) -> tuple[Array, Array]:
-            return (
-                -np.einsum('tki,tk,tki->ti', weights, lacked, signature),
-                np.einsum('tki,tki->ti', weights, signature**2) + 1e-12)
+        best, losses, health = float(case.evidence[rotor]), case.losses, case.health
+        if best <= LIMIT or best - case.disturbance <= MARGIN:
+            pair = case.disturbance > LIMIT
+            return self._pair(case, likeliest, best)[0] if pair else _Name(), likeliest
+        leads_all = best - self._rival(case.evidence, rotor) > ODDS
+        if servo is not None:
+            clear = leads_all and servo.share >= LEAST_TURN
+            name = _Name((rotor,), health[[rotor]], angle=servo.angle) if clear else _Name()
+            return name, servo.window
+        likely = losses.evidence[:, rotor] >= best - NEAR * best**0.5
+        window = int(np.where(likely, losses.shares[:, rotor], -1.0).argmax())
+        share = losses.shares[window, rotor]
+        clear = share >= CLEAR_LOSS * health[rotor] and case.asked[window, rotor]
+        if not leads_all or not clear or case.held[rotor] or leads[rotor] < 0.0:
+            return _Name(), window
+        # The rotor between two lost ones explains their torque.
+        name, evidence = self._pair(case, window, best)
+        if not name.rotors and best > evidence - PAIR_ODDS:
+            name = self._name(rotor, share, case.evidence)
+        return name, window
 
-        product, norm = products(1.0 / (variance[:, :, None] + error))
-        raw, errors = product / norm, norm**-0.5
-        lower, upper = np.where(raw < 0.0, least, 0.0), np.where(raw < 0.0, 0.0, health)
-        first = np.minimum(np.maximum(raw, lower), upper)
-        wider = variance[:, :, None] + first[:, None, :] ** 2 * error
-        product, norm = products(1.0 / wider)
-        shares = np.minimum(np.maximum(product / norm, lower), upper)
-        rest = (lacked[:, :, None] ** 2 / wider).sum(axis=1)
-        ratios = (wider / variance[:, :, None]).prod(axis=1) * np.maximum(1.0, norm / PRIOR)
-        explained = seen[:, None] - rest + shares * (2.0 * product - shares * norm)
-        each, less = 0.5 * (explained - np.log(ratios)), first > 0.0
-        excess = np.where(first < 0.0, each, 0.0).max(axis=1)
-        return Losses(
-            np.where(less, each, 0.0), excess, np.where(less, shares, 0.0), raw, errors)
+    def _lasts(self, case: _Case, leads: Array) -> bool:
+        """Return whether the rotor that has gathered most (n,) is named for it."""
+        top, losses = int(leads.argmax()), case.losses
+        weak = losses.raw[:, top].max() >= WEAK_LOSS * case.health[top]
+        seen = leads[top] > LASTING and losses.evidence[-1, top] > SEEN
+        return bool(seen and weak and case.asked[-1, top] and not case.held[top])
 
     def _of_disturbances(
         self, ages: Array, lacked: Array, variance: Array, seen: Array
@@ -391,17 +371,16 @@ class HypothesisTest:
         rivals[[rotor] if partner is None else [rotor, partner]] = 0.0
         return float(rivals.max())
 
-    def _name(
-        self, rotor: int, share: float, evidence: Array
-    ) -> tuple[tuple[int, ...], Array, bool]:
-        """Return a rotor, or the arm of which it is one, what they lost, and whether it is an arm.
+    def _name(self, rotor: int, share: float, evidence: Array) -> _Name:
+        """Return the name of a rotor that lost a share, or of the arm of which it is one.
 
         It is the arm if the rotor's evidence (n,) does not lead that of its partner.
         """
         partner = self.partners[rotor]
         if partner is None or evidence[rotor] - evidence[partner] > ODDS:
-            return (rotor,), np.array([share]), False
-        return (min(rotor, partner), max(rotor, partner)), np.repeat(0.5 * share, 2), True
+            return _Name((rotor,), np.array([share]))
+        both = min(rotor, partner), max(rotor, partner)
+        return _Name(both, np.repeat(0.5 * share, 2), arm=True)
 
     def of_arm(
         self, lacked: Array, given: Array, lateral: Array, variance: Array, rotor: int,
@@ -417,37 +396,17 @@ class HypothesisTest:
         ratios = -2.0 * (apart * lacked / wider).sum(axis=1)
         return float(ratios[abs(ratios).argmax()])
 
-    def _pair(
-        self, lacked: Array, variance: Array, given: Array, lateral: Array, health: Array,
-        bound: float,
-    ) -> tuple[tuple[int, ...], Array, float]:
-        """Return two rotors whose failures explain a window, what they lost, and their evidence.
+    def _pair(self, case: _Case, window: int, best: float) -> tuple[_Name, float]:
+        """Return the name of two rotors whose failures explain a window, and their evidence.
 
-        Only the evidence if it is not over the bound, or they are not named for another reason.
+        `best`: the greatest evidence of one rotor.
         """
-        given, error = (each[0] for each in self.signatures(given[None], lateral[None], PAIRED))
-        wider = variance[:, None, None] + error[:, :, None] + error[:, None, :]
-        product = -np.einsum('ki,k,kij->ij', given, lacked, 1.0 / wider)
-        norm = np.einsum('ki,kij->ij', given**2, 1.0 / wider)
-        mixed = np.einsum('ki,kj,kij->ij', given, given, 1.0 / wider)
-        rest = np.einsum('k,kij->ij', lacked**2, 1.0 / variance[:, None, None] - 1.0 / wider)
-        determinant = norm * norm.T - mixed**2
-        # Rotors with parallel wrenches cannot be told apart.
-        apart = determinant > 1e-6 * norm * norm.T
-        first = np.where(apart, norm.T * product - mixed * product.T, 0.0)
-        first = first / np.where(apart, determinant, 1.0)
-        lost = first >= LEAST_LOSS * np.maximum(health, 1e-9)[:, None]
-        possible = lost & lost.T & (first <= 1.3 * health[:, None])
-        taken = first * product
-        prior = np.maximum(1.0, norm / PRIOR)
-        ratio = (wider / variance[:, None, None]).prod(axis=0) * prior * prior.T
-        scores = 0.5 * (rest + taken + taken.T - np.log(ratio))
-        upper = np.triu(np.where(possible & possible.T, scores, 0.0), 1)
-        i, j = (int(k) for k in np.unravel_index(upper.argmax(), upper.shape))
-        score, upper[i, j] = float(upper[i, j]), 0.0
-        if score <= max(LIMIT, bound) or score - float(upper.max()) <= ODDS:
-            return (), np.zeros(0), score
-        force, torque = (given[:, [i, j]] @ [first[i, j], first[j, i]]).reshape(2, 3)
-        if np.linalg.norm(torque) < self.lever * np.linalg.norm(force):
-            return (), np.zeros(0), score
-        return (i, j), np.minimum([first[i, j], first[j, i]], health[[i, j]]), score
+        given, error = (each[0] for each in self.signatures(
+            case.given[[window]], case.lateral[[window]], PAIRED))
+        pair = likeliest_pair(
+            case.lacked[window], case.variance[window], given, error,
+            np.where(case.held, 0.0, case.health))
+        force, torque = np.linalg.norm(pair.wrench.reshape(2, 3), axis=1)
+        leads = pair.evidence > max(LIMIT, best + ODDS, case.disturbance + MARGIN)
+        clear = leads and pair.lead > ODDS and torque >= self.lever * force
+        return _Name(pair.rotors, pair.lost) if clear else _Name(), pair.evidence

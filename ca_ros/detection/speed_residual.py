@@ -4,7 +4,7 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.detection.detector_settings import DetectorSettings
-from ca_ros.detection.hypothesis_test import LEAST_LOSS
+from ca_ros.detection.pairs import LEAST_LOSS
 
 CONFIRMATIONS = 3
 """Measurements in a row in which a rotor is too slow before it has failed."""

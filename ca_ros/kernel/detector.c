@@ -4,8 +4,8 @@
 
 #include "numbers.h"
 
-/* The constants of ca_ros/detection: hypothesis_test, motion_test, noise_estimator, rotor_beliefs,
- * speed_residual, windows; and of ca_ros/control/momentum_observer. */
+/* The constants of ca_ros/detection: hypothesis_test, losses, motion_test, noise_estimator, pairs,
+ * rotor_beliefs, speed_residual, windows; and of ca_ros/control/momentum_observer. */
 #define BLOCK CA_REAL(0.0095)
 #define CONFIRMATIONS 3
 #define REFINED CA_REAL(0.5)
@@ -21,6 +21,7 @@
 #define LEARNT CA_REAL(0.95)
 #define CLEAR_LOSS CA_REAL(0.5)
 #define LEAST_LOSS CA_REAL(0.4)
+#define MOST_LOSS CA_REAL(1.3)
 #define WEAK_LOSS CA_REAL(0.3)
 #define ASKED CA_REAL(0.75)
 #define THRUST_ERROR CA_REAL(0.1)
@@ -374,7 +375,7 @@ static ca_real find_pair(const ca_detector *detector, const ca_block *window,
             const ca_real other = (aa * b - ab * a) / determinant;
             if (!(one >= LEAST_LOSS * ca_max(levels[0], CA_REAL(1e-9)) &&
                   other >= LEAST_LOSS * ca_max(levels[1], CA_REAL(1e-9)) &&
-                  one <= CA_REAL(1.3) * levels[0] && other <= CA_REAL(1.3) * levels[1]))
+                  one <= MOST_LOSS * levels[0] && other <= MOST_LOSS * levels[1]))
                 continue;
             const ca_real prior = ca_max(1, aa / PRIOR) * ca_max(1, bb / PRIOR);
             const ca_real score =
