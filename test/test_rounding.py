@@ -11,8 +11,10 @@ from ca_ros import AdmissibleSet, AllocationProblem, Status, kernel, make_alloca
 from ca_ros.control import momentum_observer
 from ca_ros.detection import (
     hypothesis_test,
+    losses,
     motion_test,
     noise_estimator,
+    pairs,
     rotor_beliefs,
     windows,
 )
@@ -150,14 +152,17 @@ SHARED = {
         'MOVED': sets_prioritization.MOVED},
     'detector.c': {
         **{name: getattr(hypothesis_test, name) for name in (
-            'CLEAR_LOSS', 'LEAST_LOSS', 'WEAK_LOSS', 'ASKED', 'THRUST_ERROR', 'DRAG_LOST',
-            'LIMIT', 'ODDS', 'TELLING', 'MARGIN', 'CONTACT', 'LASTING', 'SEEN', 'PRIOR', 'NEAR',
-            'PAIRED')},
+            'CLEAR_LOSS', 'WEAK_LOSS', 'ASKED', 'THRUST_ERROR', 'DRAG_LOST', 'LIMIT', 'ODDS',
+            'TELLING', 'MARGIN', 'CONTACT', 'LASTING', 'SEEN', 'EXCESS', 'DOUBT', 'DEBT',
+            'PAIR_ODDS', 'NEAR')},
+        **{name: getattr(pairs, name) for name in ('LEAST_LOSS', 'MOST_LOSS', 'PAIRED')},
+        'PRIOR': losses.PRIOR,
         **{name: getattr(motion_test, name) for name in (
-            'CONFIRMATIONS', 'TOTAL', 'SUSPICION', 'PATIENCE', 'ACQUAINTED', 'SETTLING')},
+            'CONFIRMATIONS', 'RECENT', 'TOTAL', 'SUSPICION', 'PATIENCE', 'ACQUAINTED',
+            'SETTLING')},
         **{name: getattr(rotor_beliefs, name) for name in ('REFINED', 'USELESS', 'CERTAIN')},
         **{name: getattr(noise_estimator, name) for name in (
-            'FLOOR', 'OUTLIER', 'TIME_ERROR', 'LEARNT')},
+            'FLOOR', 'OUTLIER', 'TIME_ERROR', 'COMMON_ERROR', 'LEARNT')},
         'LEARNING': noise_estimator.LEARNING[0], 'LONG_LEARNING': noise_estimator.LEARNING[1],
         **{name: getattr(momentum_observer, name) for name in (
             'MOTION', 'AVERAGING', 'REST', 'KEEP')},
