@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.detection import own_plant, tables
-from benchmarks.detection.conditions import CALM, CONTACTS, FLOWN, NOTHING, Condition
-from benchmarks.detection.flights import Count, Outcome, Setup, landed, namings
+from benchmarks.detection.conditions import CALM, CONTACTS, FLOWN, LOSSES, NOTHING, Condition
+from benchmarks.detection.flights import Count, Outcome, Setup, landed, namings, rng_of
 from benchmarks.detection.plant import (
     DESCENDING,
     FAILURES,
@@ -23,6 +23,9 @@ from benchmarks.detection.plant import (
     fill,
 )
 from benchmarks.detection.reallocation import acting, fly_on
+from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.failure_detector import FailureDetector
+from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.simulation.drag import Drag
 from ca_ros.simulation.rigid_body import RigidBody
 from ca_ros.studies.cases import Case
@@ -290,3 +293,27 @@ def test_a_loss_on_our_own_plant_is_judged_by_the_rotor_that_is_said_to_fail(tol
     right, wrong, after, flies = own_plant.flown(case, {told: '2@2.0'}, 1000)
     assert (right, wrong, flies) == (told == 2, told != 2, True)
     assert told != 2 or 0.0 < after < 0.15
+
+
+def test_both_engines_name_the_same_in_the_same_test():
+    # A rotor is lost after 20 s; after it is named, its health is estimated for half a second,
+    # whose end is reached to the last bit in both.
+    setup = Setup.load('y6')
+    rng = rng_of(3001, 'y6', 'aggressive')
+    failure = {**LOSSES['total'], 'rotor': 1, 'time': 20.0}
+    truth, mission = FLOWN['aggressive'].draw(setup.model, rng, 40.0, failure)
+    rows = Plant(setup.model, truth, mission, int(rng.integers(2**63))).fly(27.0)
+    settings = DetectorSettings(motor_time_constant=0.05, delay=0.01)
+    both = make_detector(setup.vehicle, settings), FailureDetector(setup.vehicle, settings)
+    changes = 0
+    for row in rows:
+        states = int(row['time']), row['attitude'], row['velocity'], row['rates']
+        first, second = (each.observe(*states) for each in both)
+        assert first == second
+        changes += first
+        for name in ('health', 'probabilities'):
+            np.testing.assert_allclose(*(getattr(each, name) for each in both), atol=1e-9)
+        for each in both:
+            each.command(int(row['time']), row['command'][:6])
+    assert changes
+    assert both[1].since[1] > 20_000_000_000

@@ -679,12 +679,12 @@ static void fail(ca_detector *detector, int rotor, ca_real share, int64_t time, 
     reduce(detector, rotor, share);
 }
 
-/* Estimate the health of rotors that have just failed; return whether it changes. */
-static int refine(ca_detector *detector, const finding *found, ca_real block)
+/* Estimate the health of rotors that have just failed, the young ones; return whether it changes. */
+static int refine(ca_detector *detector, const finding *found, const int *young)
 {
     int changed = 0;
     for (int i = 0; i < ROTORS(detector->model); i++)
-        if (detector->refined[i] - block < REFINED && detector->health[i] > 0 &&
+        if (young[i] && detector->health[i] > 0 &&
             ca_abs(found->shares[i]) > ca_max(CA_REAL(0.05), 3 * found->errors[i])) {
             reduce(detector, i, found->shares[i]);
             changed = 1;
@@ -911,10 +911,11 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         return 0;
     }
     sum_windows(detector, windows);
-    int refining = 0, telling = 0;
+    int refining = 0, telling = 0, young[CA_N];
     for (int i = 0; i < n; i++) {
+        young[i] = detector->refined[i] < REFINED;
         detector->refined[i] += block;
-        refining |= detector->refined[i] - block < REFINED;
+        refining |= young[i];
         telling |= detector->arm[i];
     }
     for (int t = 0; t < CA_WINDOWS; t++) {
@@ -947,7 +948,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         forget(detector, 0);
         return 0;
     }
-    int changed = refine(detector, &found, block);
+    int changed = refine(detector, &found, young);
     if (telling)
         changed |= tell_arms(detector, windows, (const ca_real(*)[6])variance);
     detector->waited = score > SUSPICION || refining || telling ? detector->waited + block : 0;
