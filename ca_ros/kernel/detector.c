@@ -315,9 +315,10 @@ typedef struct {
 } finding;
 
 /* What a failed rotor no longer gives in a window, and the variance of this: its thrust, known to a
- * tenth, and half of its drag, which a weak rotor keeps and a lost propeller loses. */
+ * tenth, of whose variance a share counts, and half of its drag, which a weak rotor keeps and a lost
+ * propeller loses. */
 static void signature_of(const ca_detector_model *model, const ca_block *window, int rotor,
-                         ca_real *given, ca_real *error)
+                         ca_real share, ca_real *given, ca_real *error)
 {
     const ca_real thrust = window->given[rotor], relative = THRUST_ERROR * thrust;
     /* Drag goes with the speed of a rotor, here with its thrust. */
@@ -331,7 +332,7 @@ static void signature_of(const ca_detector_model *model, const ca_block *window,
                              model->arms[0][rotor] * y - model->arms[1][rotor] * x};
     for (int k = 0; k < 6; k++) {
         given[k] = thrust * model->wrenches[k][rotor] + drag[k];
-        error[k] = relative * relative * model->unit[k] + drag[k] * drag[k];
+        error[k] = share * (relative * relative) * model->unit[k] + drag[k] * drag[k];
     }
 }
 
@@ -344,12 +345,8 @@ static ca_real find_pair(const ca_detector *detector, const ca_block *window,
     const int n = ROTORS(model);
     ca_real given[CA_N][6], errors[CA_N][6], best = 0, rival = 0, lost[2] = {0, 0}, taken[6];
     int pair[2] = {0, 0};
-    for (int i = 0; i < n; i++) {
-        const ca_real thrust = THRUST_ERROR * window->given[i];
-        signature_of(model, window, i, given[i], errors[i]);
-        for (int k = 0; k < 6; k++)
-            errors[i][k] -= (1 - PAIRED) * (thrust * thrust * model->unit[k]);
-    }
+    for (int i = 0; i < n; i++)
+        signature_of(model, window, i, PAIRED, given[i], errors[i]);
     for (int i = 0; i < n; i++)
         for (int j = i + 1; j < n; j++) {
             const ca_real levels[2] = {detector->health[i], detector->health[j]};
@@ -508,7 +505,7 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
         disturbances[t] = of_disturbances(model, &windows[t], v, seen);
         for (int i = 0; i < n; i++) {
             ca_real given[6], error[6], product = 0, norm = CA_REAL(1e-12), rest = 0;
-            signature_of(model, &windows[t], i, given, error);
+            signature_of(model, &windows[t], i, 1, given, error);
             for (int k = 0; k < 6; k++) {
                 const ca_real weighted = given[k] / (v[k] + error[k]);
                 product -= weighted * c[k];
@@ -597,8 +594,8 @@ static ca_real of_arm(const ca_detector *detector, const ca_block *window,
 {
     const ca_real lost = detector->announced[rotor] - detector->health[rotor];
     ca_real given[6], others[6], error[6], ratio = 0;
-    signature_of(detector->model, window, partner, others, error);
-    signature_of(detector->model, window, rotor, given, error);
+    signature_of(detector->model, window, partner, 1, others, error);
+    signature_of(detector->model, window, rotor, 1, given, error);
     for (int k = 0; k < 6; k++)
         ratio -= 2 * lost * (given[k] - others[k]) * window->impulse[k] /
                  (variance[k] + 4 * lost * lost * error[k]);
@@ -663,7 +660,7 @@ static void reduce(ca_detector *detector, int rotor, ca_real share)
     left = left < USELESS * whole ? 0 : left;
     ca_real given[6], error[6];
     for (int b = 0; b < CA_BLOCKS; b++) {
-        signature_of(detector->model, &detector->blocks[b], rotor, given, error);
+        signature_of(detector->model, &detector->blocks[b], rotor, 1, given, error);
         for (int k = 0; k < 6; k++)
             detector->blocks[b].impulse[k] += (health - left) * given[k];
     }
