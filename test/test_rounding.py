@@ -10,7 +10,9 @@ import pytest
 from ca_ros import AdmissibleSet, AllocationProblem, Status, kernel, make_allocator
 from ca_ros.control import momentum_observer
 from ca_ros.detection import (
+    disturbances,
     hypothesis_test,
+    leads,
     losses,
     motion_test,
     noise_estimator,
@@ -152,15 +154,16 @@ SHARED = {
         'MOVED': sets_prioritization.MOVED},
     'detector.c': {
         **{name: getattr(hypothesis_test, name) for name in (
-            'CLEAR_LOSS', 'WEAK_LOSS', 'ASKED', 'THRUST_ERROR', 'DRAG_LOST', 'LIMIT', 'ODDS',
-            'TELLING', 'MARGIN', 'CONTACT', 'LASTING', 'SEEN', 'EXCESS', 'DOUBT', 'DEBT',
-            'PAIR_ODDS', 'NEAR')},
+            'CLEAR_LOSS', 'WEAK_LOSS', 'ASKED', 'THRUST_ERROR', 'DRAG_LOST', 'ODDS',
+            'TELLING', 'MARGIN', 'SEEN', 'PAIR_ODDS', 'NEAR')},
+        **{name: getattr(leads, name) for name in ('LASTING', 'EXCESS', 'DOUBT', 'DEBT')},
         **{name: getattr(pairs, name) for name in ('LEAST_LOSS', 'MOST_LOSS', 'PAIRED')},
-        'PRIOR': losses.PRIOR,
+        'CONTACT': disturbances.CONTACT, 'LIMIT': losses.LIMIT, 'PRIOR': losses.PRIOR,
         **{name: getattr(motion_test, name) for name in (
             'CONFIRMATIONS', 'RECENT', 'TOTAL', 'SUSPICION', 'PATIENCE', 'ACQUAINTED',
             'SETTLING')},
-        **{name: getattr(rotor_beliefs, name) for name in ('REFINED', 'USELESS', 'CERTAIN')},
+        **{name: getattr(rotor_beliefs, name) for name in (
+            'REFINED', 'USELESS', 'IN_A_ROW', 'CERTAIN')},
         **{name: getattr(noise_estimator, name) for name in (
             'FLOOR', 'OUTLIER', 'TIME_ERROR', 'COMMON_ERROR', 'LEARNT')},
         'LEARNING': noise_estimator.LEARNING[0], 'LONG_LEARNING': noise_estimator.LEARNING[1],

@@ -198,7 +198,7 @@ class FailureDetector:
             'time_constant': settings.motor_time_constant, 'delay': settings.delay,
             'arms': vehicle.arms.T,
             'partner': [-1 if each is None else each for each in find.partners],
-            'unit': find.unit, 'disturbance': find.disturbances,
+            'unit': find.unit, 'disturbance': find.disturbances.variances,
             'gravity': vehicle.mass * vehicle.gravity, 'imu': motion.imu,
             'lever': find.lever, 'force_noise': usual.force_noise,
             'noise': usual.noise, 'moving': motion.moving,

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.detection.losses import Losses, least_shares, losses_of
+from ca_ros.detection.disturbances import Disturbances
+from ca_ros.detection.leads import LASTING, gathered, owed
+from ca_ros.detection.losses import LIMIT, Losses, least_shares, losses_of
 from ca_ros.detection.pairs import PAIRED, likeliest_pair
 from ca_ros.detection.stuck_servos import StuckServo, stuck_servos
-from ca_ros.detection.windows import WINDOWS
 from ca_ros.vehicle.vehicle import Vehicle
 
 CLEAR_LOSS = 0.5  # least share of its thrust that a rotor lost which is named at once
@@ -26,9 +27,6 @@ DRAG_LOST = 0.5
 """Share of its drag that a failing rotor loses, and the standard deviation of this: a weak one
 keeps its drag, and one without a propeller loses it."""
 
-LIMIT = 20.0
-"""Evidence from which a rotor is named."""
-
 ODDS = 5.3
 """Lead of the evidence over that of each other rotor: the odds of a probability of 0.995."""
 
@@ -38,19 +36,9 @@ TELLING = 5.3
 MARGIN = 4.0
 """Lead of the evidence over that of a disturbance."""
 
-CONTACT = 4.0
-"""Evidence for the ground where the vehicle is pushed up: a lost rotor lets it drop, and feet
-touch the ground more often than rotors are lost."""
-
-LASTING, SEEN = 4.0, 15.0
-"""Lead that a weak rotor gathers, and its evidence in the longest window, from which it is
-named."""
-
-EXCESS, DOUBT, DEBT = 1.2, 3.0, 15.0
-"""A rotor that would lack so much of its health, in the window in which a disturbance is likeliest
-and leads it by `DOUBT`, owes a lead of `DEBT` before it is named: it gives no more than it has."""
-
 NEAR = 2.83  # windows with less evidence than the best by this times its root are as likely
+
+SEEN = 15.0  # evidence, in the longest window, of a weak rotor that leads for long
 
 PAIR_ODDS = 1.0  # lead of a pair from which a rotor alone is not named
 
@@ -61,8 +49,6 @@ shorter lever may be a load, too."""
 COAXIAL = 0.1
 """Two rotors are a coaxial pair if their forces per thrust, and their roll and pitch over the mean
 arm, differ by less."""
-
-SLACK = 0.1  # side forces and yaw of a contact, over those of a push
 
 
 def partners(wrenches: Array, arm: float) -> list[int | None]:
@@ -164,10 +150,7 @@ class HypothesisTest:
     In a window with the unexplained impulse c (6,) and its variance S (6,), the hypotheses are
 
     - nothing: c ~ N(0, S);
-    - a disturbance: c ~ N(0, S + D).  D is that of a force of a rotor's size in any direction,
-      with a lever of the mean arm: a push, a gust, a load.  Where the vehicle is pushed up, it may
-      also be a contact with the ground, whose D has a tenth of the side forces and of the yaw,
-      and whose evidence is `CONTACT` greater;
+    - a disturbance: c ~ N(0, S + D), see `Disturbances`;
     - the loss of a share theta of rotor i: c ~ N(-theta s_i, S + theta^2 E_i).  s_i (6,) is what
       the sound rotor gives, its thrust and half of its drag, and E_i the variance of this.
       theta is the likeliest one within [0, health_i], and its prior is uniform.  A rotor whose
@@ -179,15 +162,11 @@ class HypothesisTest:
     rotor is named if its evidence is over `LIMIT`, leads that of each other rotor by `ODDS`, and
     that of the disturbance by `MARGIN`, and it lost `CLEAR_LOSS` of its thrust.
 
-    What loses less shows in time: windows that do not overlap are independent, so their evidence
-    adds up.  In the longest window, the lead of each rotor over all else is gathered, as its
-    integral over the length of the window, not below zero; `LASTING` of it names a rotor.  A push
-    down on the end of an arm begins with more than a rotor can lack, and lets it owe `DEBT`:
-    later, when the controller has answered, the same push may look like a loss.
+    What loses less shows in time: a rotor that gathers a lead of `LASTING` is named, too; see
+    `gathered`.
 
-    If the rotor does not lead its partner of a coaxial pair, the
-    arm is named, until `of_arm` tells which one has failed.  Servos that stick compete with the
-    rotors: see `stuck_servos`.
+    If the rotor does not lead its partner of a coaxial pair, the arm is named, until `of_arm`
+    tells which one has failed.  Servos that stick compete with the rotors: see `stuck_servos`.
 
     Pairs of rotors are tested where a rotor would be named, in its window: the rotor between two
     that are lost explains their torque, and is not named if a pair leads it by `PAIR_ODDS`.  Where
@@ -202,11 +181,9 @@ class HypothesisTest:
     def __init__(self, vehicle: Vehicle, wrenches: Array) -> None:
         arm = float(np.linalg.norm(vehicle.arms, axis=1).mean())
         yaw = 2.0 * float(np.abs(wrenches[5]).mean())
-        levers = np.array([1.0, 1.0, 1.0, arm, arm, yaw])
-        self.unit = levers**2
-        levers[5] = arm
-        contact = levers * [SLACK, SLACK, 1.0, 1.0, 1.0, SLACK]
-        self.disturbances = (vehicle.weight / vehicle.n * np.array([levers, contact])) ** 2
+        self.unit = np.array([1.0, 1.0, 1.0, arm, arm, yaw]) ** 2
+        self._hover = vehicle.weight / vehicle.n
+        self.disturbances = Disturbances(self._hover, arm)
         self.lever = LEVER * float(np.linalg.norm(wrenches[3:], axis=0).mean())
         self.partners = partners(wrenches, arm)
         self._arms = vehicle.arms.T
@@ -263,7 +240,7 @@ class HypothesisTest:
         losses = losses_of(
             lacked, signature, error, variance, seen, least_shares(ages, own, peaks), health)
         disturbances = np.maximum(
-            self._of_disturbances(ages, lacked, variance, seen), losses.excess)
+            self.disturbances.evidence(ages, lacked, variance, seen), losses.excess)
         likeliest = int(disturbances.argmax())
         disturbance = max(float(disturbances[likeliest]), 0.0)
         evidence = np.maximum(losses.evidence.max(axis=0), 0.0)
@@ -278,10 +255,10 @@ class HypothesisTest:
             self._asked(ages, own, usual), losses, evidence, disturbance)
         name, window = self._now(case, rotor, likeliest, servo, leads)
         last = losses.evidence[longest]
-        leads = self._gather(leads, block, last, servos, max(float(disturbances[longest]), 0.0))
-        if known and disturbance > LIMIT:
-            owes = (losses.raw[likeliest] > EXCESS * health) & (evidence > LIMIT)
-            leads = np.where(owes & (disturbance - evidence > DOUBT), -DEBT, leads)
+        steady = max(float(disturbances[longest]), 0.0)
+        leads = gathered(leads, block, last, servos, steady, self.partners)
+        if known:
+            leads = owed(leads, losses.raw[likeliest], health, evidence, disturbance)
         lasting = bool(not name.rotors and self._lasts(case, leads))
         if lasting:
             rotor, window = int(leads.argmax()), longest
@@ -328,41 +305,9 @@ class HypothesisTest:
         seen = leads[top] > LASTING and losses.evidence[-1, top] > SEEN
         return bool(seen and weak and case.asked[-1, top] and not case.held[top])
 
-    def _of_disturbances(
-        self, ages: Array, lacked: Array, variance: Array, seen: Array
-    ) -> Array:
-        """Return the evidence (T,) for the likelier one of a push and a contact with the ground.
-
-        `seen` (T,): chi squared of what is lacked.  Others: see `__call__`.
-        """
-        disturbed = variance + ages[:, None] ** 2 * self.disturbances[:, None]
-        left = (lacked**2 / disturbed).sum(axis=2)
-        push, contact = 0.5 * (seen - left - np.log((disturbed / variance).prod(axis=2)))
-        contact = np.where(lacked[:, 2] > 0.0, contact + CONTACT, push)
-        return np.asarray(np.maximum(push, contact))
-
-    def _gather(
-        self, leads: Array, block: float, evidence: Array, servos: Array, disturbance: float
-    ) -> Array:
-        """Return what each rotor has gathered (n,) after a further time [s].
-
-        `evidence` (n,) and `disturbance` in the longest window; `servos` (n,): that for servos
-        that stick.
-        """
-        n = len(leads)
-        others = np.tile(np.maximum(evidence, servos), (n, 1))
-        np.fill_diagonal(others, servos)
-        for i, partner in enumerate(self.partners):
-            if partner is not None:
-                others[i, partner] = 0.0
-        lead = np.minimum(evidence - np.maximum(others.max(axis=1), disturbance), LIMIT)
-        least = np.where(leads < 0.0, -DEBT, 0.0)
-        return np.asarray(np.maximum(leads + block / WINDOWS[-1] * lead, least))
-
     def _asked(self, ages: Array, given: Array, usual: Array) -> BoolArray:
         """Return which rotors (T, n) give enough thrust (T, 6, n) in each window to be named."""
-        hover = self.disturbances[0, 0] ** 0.5
-        least = ASKED * np.minimum(np.maximum(usual, 0.5 * hover), hover)
+        least = ASKED * np.clip(usual, 0.5 * self._hover, self._hover)
         return np.asarray(np.linalg.norm(given[:, :3], axis=1) >= least * ages[:, None])
 
     def _rival(self, evidence: Array, rotor: int) -> float:

@@ -6,6 +6,9 @@ import numpy as np
 
 from ca_ros.arrays import Array
 
+LIMIT = 20.0
+"""Evidence from which a rotor is named."""
+
 PRIOR = 6.25
 """The share lost is taken as uniform from 0 to 1.  Its likelihood has an integral of
 sqrt(2 pi / information); 2 pi is rounded."""

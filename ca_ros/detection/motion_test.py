@@ -8,10 +8,11 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.control.momentum_observer import GAP, MomentumObserver
 from ca_ros.detection.detector_settings import DetectorSettings
-from ca_ros.detection.hypothesis_test import LIMIT, TELLING, Finding, HypothesisTest
+from ca_ros.detection.hypothesis_test import TELLING, Finding, HypothesisTest
+from ca_ros.detection.losses import LIMIT
 from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.detection.noise_estimator import LEARNING, UsualMotion
-from ca_ros.detection.rotor_beliefs import CERTAIN, RotorBeliefs
+from ca_ros.detection.rotor_beliefs import CERTAIN, IN_A_ROW, RotorBeliefs
 from ca_ros.detection.windows import Windows
 from ca_ros.vehicle.settings import triple
 from ca_ros.vehicle.state import cross, rotation_matrix
@@ -287,7 +288,7 @@ class MotionTest:
                 self.beliefs.lost(pair[0]))
             sign = int(evidence > TELLING) - int(evidence < -TELLING)
             arms[pair] = sign + count if sign * count > 0 else sign
-            if abs(arms[pair]) >= CONFIRMATIONS:
+            if abs(arms[pair]) >= IN_A_ROW:
                 told.append(pair if sign > 0 else pair[::-1])
         for failed, sound in told:
             self.tell_arm(failed, sound)

@@ -7,6 +7,7 @@ from ca_ros.problem.audit import audit
 from ca_ros.vehicle.vehicle import Vehicle
 
 USELESS = 0.2  # a rotor with less health is lost
+IN_A_ROW = 3  # tests, or measured speeds, one after the other, that change what is believed
 CERTAIN = 0.995  # least probability of a failure that was named
 REFINED = 0.5  # time after a failure in which its health is estimated further [s]
 

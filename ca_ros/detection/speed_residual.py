@@ -5,9 +5,7 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.pairs import LEAST_LOSS
-
-CONFIRMATIONS = 3
-"""Measurements in a row in which a rotor is too slow before it has failed."""
+from ca_ros.detection.rotor_beliefs import IN_A_ROW
 
 STALE = 60_000_000
 """Time after a command in which the next one comes [ns]; motors without commands may idle."""
@@ -94,5 +92,5 @@ class SlowRotors:
             self._slow[:] = 0
             return None
         self._slow = np.where(slow, self._slow + 1, 0)
-        failed = np.flatnonzero(self._slow == CONFIRMATIONS).tolist()
+        failed = np.flatnonzero(self._slow == IN_A_ROW).tolist()
         return [(i, 1.0 - float(measured[i] / expected[i]) ** 2) for i in failed]

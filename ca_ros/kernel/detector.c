@@ -4,10 +4,12 @@
 
 #include "numbers.h"
 
-/* The constants of ca_ros/detection: hypothesis_test, losses, motion_test, noise_estimator, pairs,
- * rotor_beliefs, speed_residual, windows; and of ca_ros/control/momentum_observer. */
+/* The constants of ca_ros/detection: disturbances, hypothesis_test, leads, losses, motion_test,
+ * noise_estimator, pairs, rotor_beliefs, speed_residual, windows; and of
+ * ca_ros/control/momentum_observer. */
 #define BLOCK CA_REAL(0.0095)
 #define CONFIRMATIONS 3
+#define IN_A_ROW 3
 #define REFINED CA_REAL(0.5)
 #define USELESS CA_REAL(0.2)
 #define TOTAL CA_REAL(0.8)
@@ -485,6 +487,92 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
          partner >= 0 && found->leads[top] - found->leads[partner] <= ODDS);
 }
 
+/* What the loss of a share of one rotor's thrust explains of a window. */
+typedef struct {
+    ca_real evidence, share; /* of the likeliest loss; share < 0: it gives more than commanded */
+    ca_real raw, error;      /* the loss without bounds, and its standard deviation */
+} loss;
+
+static loss of_loss(const ca_detector *detector, const ca_block *window, const ca_real *variance,
+                    ca_real seen, int rotor)
+{
+    const ca_real *c = window->impulse;
+    ca_real given[6], error[6], product = 0, norm = CA_REAL(1e-12), rest = 0, ratio = 1;
+    loss found = {0, 0, 0, 0};
+    signature_of(detector->model, window, rotor, 1, given, error);
+    for (int k = 0; k < 6; k++) {
+        const ca_real weighted = given[k] / (variance[k] + error[k]);
+        product -= weighted * c[k];
+        norm += weighted * given[k];
+    }
+    found.raw = product / norm;
+    found.error = 1 / ca_sqrt(norm);
+    /* A rotor may give more than commanded: a negative share, down to that of its peak. */
+    const ca_real peak = window->length * detector->peaks[rotor];
+    const ca_real own =
+        ca_max(ca_abs(window->given[rotor]), CA_REAL(0.01) * peak + CA_REAL(1e-9));
+    const ca_real lower = found.raw < 0 ? ca_min(1 - peak / own, 0) : 0;
+    const ca_real upper = found.raw < 0 ? 0 : detector->health[rotor];
+    const ca_real first = ca_clip(found.raw, lower, upper);
+    if (!(ca_abs(first) > 0))
+        return found;
+    product = 0;
+    norm = CA_REAL(1e-12);
+    for (int k = 0; k < 6; k++) {
+        const ca_real wider = variance[k] + first * first * error[k], inverse = 1 / wider;
+        product -= given[k] * c[k] * inverse;
+        norm += given[k] * given[k] * inverse;
+        rest += c[k] * c[k] * inverse;
+        ratio *= wider / variance[k];
+    }
+    found.share = ca_clip(product / norm, lower, upper);
+    found.evidence =
+        CA_REAL(0.5) * (seen - rest + found.share * (2 * product - found.share * norm) -
+                        ca_log(ratio * ca_max(1, norm / PRIOR)));
+    return found;
+}
+
+/* Name what the evidence of this test shows: the likeliest rotor, or two. */
+static void name_now(const ca_detector *detector, const ca_block *windows,
+                     const ca_real variance[CA_WINDOWS][6],
+                     const ca_real evidence[CA_WINDOWS][CA_N],
+                     const ca_real shares[CA_WINDOWS][CA_N], int likeliest, finding *found)
+{
+    const int n = ROTORS(detector->model);
+    int rotor = 0, leads = 1;
+    for (int i = 1; i < n; i++)
+        rotor = found->evidence[i] > found->evidence[rotor] ? i : rotor;
+    const ca_real best = found->evidence[rotor];
+    const ca_real bound = ca_max(best + ODDS, found->disturbance + MARGIN);
+    found->rotor = rotor;
+    found->names = found->arm = found->lasting = 0;
+    found->window = likeliest;
+    if (best <= LIMIT || best - found->disturbance <= MARGIN) {
+        if (found->disturbance > LIMIT)
+            find_pair(detector, &windows[likeliest], variance[likeliest], bound, found);
+        return;
+    }
+    /* The greatest share of all windows that are about as likely. */
+    ca_real share = -1;
+    for (int t = 0; t < CA_WINDOWS; t++)
+        if (evidence[t][rotor] >= best - NEAR * ca_sqrt(best) && shares[t][rotor] > share) {
+            share = shares[t][rotor];
+            found->window = t;
+        }
+    const int partner = partner_of(detector->model, rotor);
+    for (int i = 0; i < n; i++)
+        leads &= i == rotor || i == partner || best - found->evidence[i] > ODDS;
+    if (!leads || share < CLEAR_LOSS * detector->health[rotor] || detector->arm[rotor] ||
+        detector->leads[rotor] < 0 || !is_asked(detector, &windows[found->window], rotor))
+        return;
+    /* The rotor between two lost ones explains their torque. */
+    const ca_real pair = find_pair(detector, &windows[found->window], variance[found->window],
+                                   bound, found);
+    if (!found->names && best > pair - PAIR_ODDS)
+        name(found, rotor, share, partner,
+             partner >= 0 && best - found->evidence[partner] <= ODDS);
+}
+
 /* Test all windows against the failure of each rotor, and against a disturbance. */
 static void test(const ca_detector *detector, const ca_block *windows, ca_real block,
                  const ca_real variance[CA_WINDOWS][6], finding *found)
@@ -498,92 +586,29 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
         found->evidence[i] = 0;
     found->disturbance = 0;
     for (int t = 0; t < CA_WINDOWS; t++) {
-        const ca_real *v = variance[t], *c = windows[t].impulse;
+        const ca_real *v = variance[t];
         ca_real seen = 0;
         for (int k = 0; k < 6; k++)
-            seen += c[k] * c[k] / v[k];
+            seen += windows[t].impulse[k] * windows[t].impulse[k] / v[k];
         disturbances[t] = of_disturbances(model, &windows[t], v, seen);
         for (int i = 0; i < n; i++) {
-            ca_real given[6], error[6], product = 0, norm = CA_REAL(1e-12), rest = 0;
-            signature_of(model, &windows[t], i, 1, given, error);
-            for (int k = 0; k < 6; k++) {
-                const ca_real weighted = given[k] / (v[k] + error[k]);
-                product -= weighted * c[k];
-                norm += weighted * given[k];
-            }
-            /* A rotor may give more than commanded: a negative share, down to that of its peak. */
-            const ca_real peak = windows[t].length * detector->peaks[i];
-            const ca_real own = ca_max(ca_abs(windows[t].given[i]),
-                                       CA_REAL(0.01) * peak + CA_REAL(1e-9));
-            const ca_real raw = product / norm;
-            const ca_real lower = raw < 0 ? ca_min(1 - peak / own, 0) : 0;
-            const ca_real upper = raw < 0 ? 0 : detector->health[i];
-            const ca_real first = ca_clip(raw, lower, upper);
-            found->shares[i] = lacking[t][i] = raw;
-            found->most[i] = t ? ca_max(found->most[i], raw) : raw;
-            found->errors[i] = 1 / ca_sqrt(norm);
-            shares[t][i] = evidence[t][i] = 0;
-            if (!(ca_abs(first) > 0))
-                continue;
-            ca_real ratio = 1;
-            product = rest = 0;
-            norm = CA_REAL(1e-12);
-            for (int k = 0; k < 6; k++) {
-                const ca_real wider = v[k] + first * first * error[k], inverse = 1 / wider;
-                product -= given[k] * c[k] * inverse;
-                norm += given[k] * given[k] * inverse;
-                rest += c[k] * c[k] * inverse;
-                ratio *= wider / v[k];
-            }
-            const ca_real share = ca_clip(product / norm, lower, upper);
-            const ca_real each =
-                CA_REAL(0.5) * (seen - rest + share * (2 * product - share * norm) -
-                                ca_log(ratio * ca_max(1, norm / PRIOR)));
-            if (raw < 0) {
-                disturbances[t] = ca_max(disturbances[t], each);
-                continue;
-            }
-            shares[t][i] = share;
-            evidence[t][i] = each;
-            found->evidence[i] = ca_max(found->evidence[i], each);
+            const loss each = of_loss(detector, &windows[t], v, seen, i);
+            found->shares[i] = lacking[t][i] = each.raw;
+            found->most[i] = t ? ca_max(found->most[i], each.raw) : each.raw;
+            found->errors[i] = each.error;
+            shares[t][i] = ca_max(each.share, 0);
+            evidence[t][i] = each.raw < 0 ? 0 : each.evidence;
+            found->evidence[i] = ca_max(found->evidence[i], evidence[t][i]);
+            if (each.raw < 0)
+                disturbances[t] = ca_max(disturbances[t], each.evidence);
         }
         if (disturbances[t] > found->disturbance) {
             found->disturbance = disturbances[t];
             likeliest = t;
         }
     }
-    int rotor = 0;
-    for (int i = 1; i < n; i++)
-        rotor = found->evidence[i] > found->evidence[rotor] ? i : rotor;
-    const ca_real best = found->evidence[rotor];
-    found->rotor = rotor;
-    found->names = found->arm = found->lasting = 0;
-    found->window = likeliest;
-    const ca_real bound = ca_max(best + ODDS, found->disturbance + MARGIN);
-    if (best > LIMIT && best - found->disturbance > MARGIN) {
-        /* The greatest share of all windows that are about as likely. */
-        const int partner = partner_of(model, rotor);
-        ca_real share = -1;
-        int leads = 1;
-        for (int t = 0; t < CA_WINDOWS; t++)
-            if (evidence[t][rotor] >= best - NEAR * ca_sqrt(best) && shares[t][rotor] > share) {
-                share = shares[t][rotor];
-                found->window = t;
-            }
-        for (int i = 0; i < n; i++)
-            leads &= i == rotor || i == partner || best - found->evidence[i] > ODDS;
-        if (leads && share >= CLEAR_LOSS * detector->health[rotor] && !detector->arm[rotor] &&
-            !(detector->leads[rotor] < 0) && is_asked(detector, &windows[found->window], rotor)) {
-            /* The rotor between two lost ones explains their torque. */
-            const ca_real pair = find_pair(detector, &windows[found->window],
-                                           variance[found->window], bound, found);
-            if (!found->names && best > pair - PAIR_ODDS)
-                name(found, rotor, share, partner,
-                     partner >= 0 && best - found->evidence[partner] <= ODDS);
-        }
-    } else if (found->disturbance > LIMIT) {
-        find_pair(detector, &windows[likeliest], variance[likeliest], bound, found);
-    }
+    name_now(detector, windows, variance, (const ca_real(*)[CA_N])evidence,
+             (const ca_real(*)[CA_N])shares, likeliest, found);
     gather(detector, &windows[CA_WINDOWS - 1], block, evidence[CA_WINDOWS - 1],
            disturbances[CA_WINDOWS - 1], lacking[likeliest], found);
 }
@@ -719,7 +744,7 @@ static int tell_arms(ca_detector *detector, const ca_block *windows,
         }
         const int upper = best > TELLING, lower = best < -TELLING, count = detector->upper[i];
         detector->upper[i] = upper ? most(count, 0) + 1 : lower ? -most(-count, 0) - 1 : 0;
-        if (detector->upper[i] < CONFIRMATIONS && -detector->upper[i] < CONFIRMATIONS)
+        if (detector->upper[i] < IN_A_ROW && -detector->upper[i] < IN_A_ROW)
             continue;
         tell(detector, upper ? i : partner, upper ? partner : i);
         changed = 1;
@@ -1071,7 +1096,7 @@ int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *spee
         memset(&detector->sums, 0, sizeof detector->sums);
     }
     for (int i = 0; i < ROTORS(model); i++) {
-        if (detector->slow[i] != CONFIRMATIONS || !(detector->health[i] > 0))
+        if (detector->slow[i] != IN_A_ROW || !(detector->health[i] > 0))
             continue;
         const ca_real kept = detector->measured[i] / least_speed(detector, i);
         /* When it failed is not known: the motion before shows nothing more. */

@@ -1,0 +1,60 @@
+"""The lead that each rotor gathers in time over all else.
+
+What loses less than half of its thrust shows in time: windows that do not overlap are
+independent, so their evidence adds up.  In the longest window, the lead of each rotor over all
+else is gathered, as its integral over the length of the window, not below zero; `LASTING` of it
+names a rotor.
+
+A push down on the end of an arm begins with more than a rotor can lack, and lets the rotor owe
+`DEBT`: later, when the controller has answered, the same push may look like a loss.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.detection.losses import LIMIT
+from ca_ros.detection.windows import WINDOWS
+
+LASTING = 4.0  # lead that a weak rotor gathers, from which it is named
+
+EXCESS, DOUBT, DEBT = 1.2, 3.0, 15.0
+"""A rotor that would lack so much of its health, in the window in which a disturbance is likeliest
+and leads it by `DOUBT`, owes a lead of `DEBT` before it is named: it gives no more than it has."""
+
+
+def gathered(
+    leads: Array, block: float, evidence: Array, servos: Array, disturbance: float,
+    partners: Sequence[int | None],
+) -> Array:
+    """Return what each rotor has gathered (n,) after a further time.
+
+    - `leads` (n,): what each had gathered before; negative: what it owes
+    - `block`: the further time [s]
+    - `evidence` (n,) and `disturbance`: in the longest window
+    - `servos` (n,): the evidence for servos that stick
+    - `partners` (n,): the other rotor of each one's coaxial pair, over which it need not lead
+    """
+    n = len(leads)
+    others = np.tile(np.maximum(evidence, servos), (n, 1))
+    np.fill_diagonal(others, servos)
+    for i, partner in enumerate(partners):
+        if partner is not None:
+            others[i, partner] = 0.0
+    lead = np.minimum(evidence - np.maximum(others.max(axis=1), disturbance), LIMIT)
+    least = np.where(leads < 0.0, -DEBT, 0.0)
+    return np.asarray(np.maximum(leads + block / WINDOWS[-1] * lead, least))
+
+
+def owed(
+    leads: Array, shares: Array, health: Array, evidence: Array, disturbance: float
+) -> Array:
+    """Return what each rotor has gathered (n,), where those that would lack too much owe `DEBT`.
+
+    - `leads`, `health` and `evidence` (n,)
+    - `shares` (n,): what each would have lost in the window in which a disturbance is likeliest
+    - `disturbance`: the evidence for it
+    """
+    excess = (evidence > LIMIT) & (shares > EXCESS * health)
+    return np.where(excess & (disturbance - evidence > DOUBT), -DEBT, leads)
