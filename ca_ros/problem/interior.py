@@ -16,11 +16,10 @@ class Interior:
 
     def __init__(self, program: BoxProgram | SetsProgram, reference: Array) -> None:
         self._program, self._sets, self._reference = program, program.sets, reference
-        self._half_range = (self._sets.upper - self._sets.lower) / 2.0
 
     @cached_property
     def _decomposition(self) -> tuple[Array, Array, Array, Array] | None:
-        return decomposition(self._program.matrix * self._half_range)
+        return decomposition(self._program.matrix * self._sets.half_range)
 
     @property
     def has_volume(self) -> bool:
@@ -73,5 +72,5 @@ class Interior:
         sizes, left, singular, right = self._decomposition
         middle = self._sets.middle
         way = (self._reference - self._program.matrix @ middle) / INSIDE
-        thrusts = middle + self._half_range * ((way / sizes @ left / singular) @ right)
+        thrusts = middle + self._sets.half_range * ((way / sizes @ left / singular) @ right)
         return bool((self._sets.project(thrusts) == thrusts).all())

@@ -218,9 +218,9 @@ class AllocationProblem:
         """Set the numbers, which are sound, and what follows from them."""
         self.gamma, self.reference, self.sets = constant(gamma), constant(reference), sets
         self.lower, self.upper = constant(sets.lower), constant(sets.upper)
-        self._shape, self.middle = (len(gamma),), constant(sets.middle)
+        self.middle, self.half_range = constant(sets.middle), constant(sets.half_range)
+        self._shape = (len(gamma),)
         self.center, self.extent = map(constant, sets.image(self.gamma))
-        self.half_range = constant((self.upper - self.lower) / 2.0)
 
     def _name(self, names: Sequence[str]) -> None:
         """Name the components by the names of the effectors."""

@@ -60,8 +60,7 @@ class BoxProgram:
     @cached_property
     def generators(self) -> Array:
         """What half of the range of each effector gives (m, n)."""
-        half: Array = (self.sets.upper - self.sets.lower) / 2.0
-        return self.matrix * half
+        return self.matrix * self.sets.half_range
 
     @cached_property
     def least_norm(self) -> DualNewton:

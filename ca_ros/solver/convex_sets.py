@@ -103,6 +103,7 @@ class ConvexSets:
     - `leading` (n,): which components are the first of their set
     - `lower` and `upper` (n,): the least box around the product
     - `middle` (n,): a point inside all sets
+    - `half_range` (n,): half of the lengths of the box's edges
     """
 
     def __init__(
@@ -132,6 +133,7 @@ class ConvexSets:
             self.upper[across] = width[:, None]
             self.lower[across] = -self.upper[across]
             self.middle[along] = group.middle
+        self.half_range = (self.upper - self.lower) / 2.0
 
     def project(self, points: Array) -> Array:
         """Return the nearest points (..., n) of the sets."""
@@ -242,7 +244,7 @@ class Box:
     """The product of intervals, one for each effector; a `ConvexSets` that needs less time.
 
     - `n`: number of effectors
-    - `lower`, `upper`, `middle` (n,)
+    - `lower`, `upper`, `middle`, `half_range` (n,)
     - `first`, `owners`: of each effector its component, and the other way round: the same numbers
     """
 
@@ -252,6 +254,7 @@ class Box:
     def __init__(self, lower: Array, upper: Array) -> None:
         self.lower, self.upper, self.n = constant(lower), constant(upper), len(lower)
         self.middle = constant((self.lower + self.upper) / 2.0)
+        self.half_range = constant((self.upper - self.lower) / 2.0)
         self.first = range(self.n)
 
     def project(self, points: Array) -> Array:
@@ -279,8 +282,7 @@ class Box:
 
     def image(self, matrix: Array) -> tuple[Array, Array]:
         """Return the middle and half of the range of each component (m,) of ``matrix @ x``."""
-        half = (self.upper - self.lower) / 2.0
-        return matrix @ self.middle, np.abs(matrix * half).sum(axis=1)
+        return matrix @ self.middle, np.abs(matrix * self.half_range).sum(axis=1)
 
 
 class _Sectors:
