@@ -28,10 +28,12 @@ from ca_ros.firmware.detector import STATES
 from ca_ros.firmware.export import FILES, KERNEL, write, write_detector
 from ca_ros.firmware.faults import faults_of
 from ca_ros.firmware.firmware import Firmware
+from ca_ros.firmware.footprint import measure
 from ca_ros.firmware.tilting import firmware_of
 from ca_ros.problem.admissible_set import AdmissibleSet
 from ca_ros.problem.problem import AllocationProblem
 from ca_ros.problem.vehicle_problem import VehicleProblem
+from ca_ros.studies.tables import table
 from ca_ros.studies.wrench_sets import near_boundary
 from ca_ros.vehicle.files import read
 from ca_ros.vehicle.vehicle import Vehicle
@@ -202,6 +204,23 @@ def count_rates(name: str, precision: str, size: int = 400, steps: int = 40) -> 
         return found
 
 
+def memory(name: str, precision: str) -> tuple[str, ...]:
+    """Return the row of a vehicle in the table of flash and stack."""
+    given = read(name)
+    faults = faults_of(Vehicle.from_parameters(given), ['single'])
+    firmware = firmware_of(faults, checked(given).allocation, precision)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / 'measured'
+        write(firmware, 'measured', folder)
+        function = f'measured_allocate{"_within" * (firmware.rates is not None)}'
+        found = measure(folder, function, 'of the precision')
+    if isinstance(found, str):
+        raise RuntimeError(f'{name}, {precision}: {found}')
+    size = f'{firmware.problem.n}, {len(firmware.problem.axes)}, {len(firmware.faults) - 1}'
+    print(f'{name}, {precision}: {found}', flush=True)
+    return f'`{name}`', size, precision, str(found.flash), str(found.stack)
+
+
 def answers(firmware: Firmware, flags: Sequence[str], faults: Array, drawn: Array) -> Array:
     """Return the status and the speeds of exported firmware for wrenches (N, m), as records.
 
@@ -284,6 +303,7 @@ def main() -> None:
     add = parser.add_argument
     add('--size', type=int, default=10_000, help='wrenches of each kind')
     add('--detector', action='store_true', help='count the detector of failures alone')
+    add('--memory', action='store_true', help='measure flash and stack alone; fill their table')
     add('--rates', action='store_true', help='count calls within the rates of the rotors alone')
     add('--flags', action='store_true', help='compare the answers of other flags of compilers')
     options = parser.parse_args()
@@ -306,7 +326,11 @@ def main() -> None:
             without, within = (float(of(each)) for each in counts)
             ratio = f'{within:.0f} ({within / without:.2f})'
             print(f'{name}, {precision}: {without:.0f} {word}, with rates {ratio}', flush=True)
-    if options.detector or options.rates:
+    if options.memory:
+        titles = 'vehicle', 'rotors, axes, faults', 'precision', 'flash [bytes]', 'stack [bytes]'
+        rows = [memory(*each) for each in RATED[:-1]]
+        fill('firmware.md', memory=table(titles, rows, 3))
+    if options.detector or options.rates or options.memory:
         return
     rows = []
     for name in VEHICLES:
