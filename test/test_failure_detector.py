@@ -185,6 +185,41 @@ def test_a_second_failure_is_found(vehicle, later):
     np.testing.assert_array_equal(health, [0.5, 0.5, *last[2:]] if arm else last)
 
 
+@pytest.mark.parametrize(('vehicle', 'lost'), [('x8', (1, 3)), ('x8', (1, 8)), ('y6', (3, 6))])
+def test_two_arms_are_named_at_once(vehicle, lost):
+    # Reaction torques of rotors 1 and 3 of x8 cancel: no rotor of the two arms shows.
+    case = Case.load(vehicle, REALISTIC)
+    n, arms = case.vehicle.n, [(i - 1, i) if i % 2 == 0 else (i, i + 1) for i in lost]
+    flight, detection = flown(
+        case, {2.0: without(n, **{f'rotor_{rotor}': 0.0 for rotor in lost})}, 5.0)
+    assert detection.found[0][0] < 2.15e9
+    assert detection.found[0][2] == tuple(arms)
+    # What is left of both is right whichever has failed.
+    health = detection.detector.health
+    for (i, j), rotor in zip(arms, lost, strict=True):
+        assert health[i - 1] + health[j - 1] == pytest.approx(1.0, abs=0.1)
+        assert (i, j) in detection.detector.failed_arms or health[rotor - 1] < 0.1
+    assert set(np.flatnonzero(health < 1.0) + 1) <= {rotor for arm in arms for rotor in arm}
+    assert np.linalg.norm(flight.position[-100:] - UP.position, axis=1).max() < 2.0
+    engines = both_engines(case.vehicle, case.flown.detector)
+    for time, *state, speeds in rows_of(flight)[:300]:
+        answers(engines, 'observe', time, *state)
+        answers(engines, 'command', time, speeds)
+        assert_equal(engines)
+
+
+@pytest.mark.parametrize(('vehicle', 'later'), [('x8', 0.0), ('x8', 0.03), ('y6', 0.1)])
+def test_both_rotors_of_an_arm_are_lost(vehicle, later):
+    # Also where one of both is already named.
+    case = Case.load(vehicle, REALISTIC)
+    last = without(case.vehicle.n, rotor_1=0.0, rotor_2=0.0)
+    first = without(case.vehicle.n, rotor_1=0.0)
+    _, detection = flown(case, {2.0: first, 2.0 + later: last}, 2.5 + later)
+    np.testing.assert_array_equal(detection.detector.health, last)
+    assert detection.detector.failed_arms == ()
+    assert detection.detector.probabilities[:2].min() >= 0.995
+
+
 def test_the_health_that_is_announced_counts():
     case = Case.load('octorotor', [*REALISTIC, 'rotors.health:=[0, 1, 1, 1, 1, 1, 1, 1]'])
     _, detection = flown(case, {2.0: without(8, rotor_1=0.0, rotor_4=0.0)}, 2.4)
@@ -767,6 +802,26 @@ def test_the_evidence_is_a_ratio_of_gaussian_densities():
     np.testing.assert_allclose(found.errors[2], (weights @ signature**2) ** -0.5, rtol=1e-6)
 
 
+def test_what_has_failed_in_named_arms_is_a_ratio_of_gaussian_densities():
+    rng, vehicle = np.random.default_rng(2), Vehicle.load('x8')
+    wrenches, arms, lost = rotor_wrenches(vehicle), [(0, 1), (4, 5)], np.array([0.5, 0.4])
+    find = HypothesisTest(vehicle, wrenches)
+    given = 2.0 * 0.16 * wrenches[None] * rng.uniform(0.8, 1.2, 8)
+    variance, lateral = rng.uniform(0.5, 2.0, (1, 6)) * 1e-3, np.zeros((1, 2))
+    signature, error = (each[0] for each in find.signatures(given, lateral))
+    for _ in range(20):
+        lacked = 0.05 * rng.standard_normal((1, 6))
+        wide = variance[0] + 4.0 * (lost**2 * error[:, [0, 4]]).sum(axis=1)
+        each = np.array([[density(
+            lacked[0] + sum(sign * share * (signature[:, i] - signature[:, j])
+                            for sign, share, (i, j) in zip(signs, lost, arms, strict=True)), wide)
+            for signs in ((one, 1.0), (one, -1.0))] for one in (1.0, -1.0)])
+        evidence = find.of_arms(lacked, given, lateral, variance, arms, lost)
+        np.testing.assert_allclose(
+            evidence, [each[0].max() - each[1].max(), each[:, 0].max() - each[:, 1].max()],
+            atol=1e-9)
+
+
 @pytest.mark.parametrize(('usual', 'asked', 'named'), [
     (1.0, 0.7, False), (1.0, 0.8, True), (0.8, 0.7, True), (0.1, 0.3, False), (0.1, 0.4, True),
     (2.0, 0.8, True)])
@@ -916,3 +971,20 @@ def test_two_rotors_are_named_but_opposite_ones_which_may_be_a_load():
         lacked = -1.6 * 0.16 * (0.9 * wrenches[:, 0] + 0.9 * wrenches[:, second])
         found = find(age, lacked[None], given, lateral, variance, *UNKNOWN)
         assert found.named == named
+
+
+@pytest.mark.parametrize(('yaw', 'lost', 'named', 'arms'), [
+    (1e-3, (0, 3), (0, 3), ()), (0.1, (0, 3), (0, 1, 2, 3), ((0, 1), (2, 3))),
+    (1e-3, (0, 2), (0, 1, 2, 3), ((0, 1), (2, 3))), (1e-3, (0, 1), (0, 1), ())])
+def test_two_rotors_of_coaxial_pairs_are_named_by_their_arms(yaw, lost, named, arms):
+    # Yaw, if it is known well enough, tells rotors 1 and 4 from 2 and 3, but not 1 and 3 from
+    # 2 and 4.
+    vehicle = Vehicle.load('x8')
+    wrenches = rotor_wrenches(vehicle)
+    find, given = HypothesisTest(vehicle, wrenches), 2.0 * 0.16 * wrenches[None]
+    variance = np.array([[0.001, 0.001, 0.001, 1e-6, 1e-6, yaw**2]])
+    found = find(
+        np.array([0.16]), -0.9 * given[:, :, lost].sum(axis=2), given, np.zeros((1, 2)),
+        variance, np.ones(8), np.zeros(8), np.full(8, 9.0), np.zeros(8), 0.01)
+    assert (found.named, found.arms) == (named, arms)
+    np.testing.assert_allclose(found.lost, 0.45 if arms else 0.9, atol=0.05)

@@ -11,7 +11,7 @@ from ca_ros import Vehicle
 from ca_ros.__main__ import main
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.detector_settings import DetectorSettings
-from ca_ros.detection.replay import motion_of, replay, without_rotor
+from ca_ros.detection.replay import Naming, motion_of, replay, without_rotor
 from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.studies.cases import Case
 from ca_ros.vehicle.formats.recording import Recording
@@ -134,9 +134,14 @@ def test_many_flights_give_a_row_of_the_page(tmp_path, capsys):
     assert recordings.main([*files, 'hexarotor_realistic']) == 0
     _, named, row = capsys.readouterr().out.splitlines()
     assert 'flight 4.' in named
-    assert '[3]' in named
+    assert 's 3; ' in named
     assert '2 flights' in row
     # The rotor that is lost for good is named again after each reset.
     assert re.search('launch 0, flight [1-9], landing 0; warnings of the lag: 0', row)
     assert recordings.main([files[0], 'hexarotor_realistic', '--losses']) == 0
     assert 'losses named right 12/12' in capsys.readouterr().out
+
+
+def test_an_arm_of_which_one_rotor_has_failed_has_the_names_of_both():
+    named = Naming(1.0, (0, 1, 4, 6, 7), ((1, 2), (7, 8)), (0.5,) * 5, 9.0, 'flight')
+    assert named.words == '1 or 2, 5, 7 or 8'

@@ -90,7 +90,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         fault = lag_fault(vehicle, recording, settings, motion, found.flying)
         faults += bool(fault)
         names = ', '.join(
-            f'{each.phase} {each.time:.2f} s {[rotor + 1 for rotor in each.rotors]}'
+            f'{each.phase} {each.time:.2f} s {each.words}'
             for each in found.named)
         print(f'{file.stem}: {found.in_air:.1f} s in the air; {names or "nothing named"}; {fault}')
         if not options.losses:
@@ -105,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 (after[0].rotors if after else (), after[0].time - at if right else np.inf))
             if not right:
                 print(f'    rotor {rotor + 1} at {at:.2f} s: '
-                      f'{[each + 1 for each in after[0].rotors] if after else "not named"}')
+                      f'{after[0].words if after else "not named"}')
     alarms = ', '.join(f'{phase} {phases[phase]}' for phase in PHASES)
     print(f'{len(options.flights)} flights, {flown:.0f} s in the air; alarms: {alarms}; '
           f'warnings of the lag: {faults}')

@@ -56,9 +56,9 @@ class FailureDetector:
     Where the speeds of the rotors are measured, `SlowRotors` finds those that do not follow their
     commands.
 
-    Where the rotors of a coaxial pair cannot be told apart, the arm is named: each of both has
-    then lost half, so the arm gives what is expected if both get the same thrust.  What one of
-    them keeps comes back when the motion tells which one has failed.
+    Where the rotors of a coaxial pair cannot be told apart, the arm is named, or two arms: each of
+    both rotors has then lost half, so the arm gives what is expected if both get the same thrust.
+    What one of them keeps comes back when the motion tells which one has failed.
 
     `make_detector` returns this detector, or the same in C.
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
+from ca_ros.detection.arms import as_effectors, compared, partners
 from ca_ros.detection.disturbances import Disturbances
 from ca_ros.detection.leads import LASTING, gathered, owed
 from ca_ros.detection.losses import LIMIT, Losses, least_shares, losses_of
@@ -46,26 +47,6 @@ LEVER = 0.36
 """Least lever of the wrench that two failing rotors take, over that of one rotor: one with a
 shorter lever may be a load, too."""
 
-COAXIAL = 0.1
-"""Two rotors are a coaxial pair if their forces per thrust, and their roll and pitch over the mean
-arm, differ by less."""
-
-
-def partners(wrenches: Array, arm: float) -> list[int | None]:
-    """Return for each rotor the other one of its coaxial pair, if any.
-
-    - `wrenches` (6, n): force and torque per thrust of each rotor
-    - `arm`: mean distance of the rotors [m]
-    """
-    sizes = np.array([1.0, 1.0, 1.0, arm, arm])[:, None, None]
-    found: list[int | None] = []
-    away = np.linalg.norm((wrenches[:5, :, None] - wrenches[:5, None, :]) / sizes, axis=0)
-    np.fill_diagonal(away, np.inf)
-    for i, row in enumerate(away):
-        j = int(row.argmin())
-        found.append(j if row[j] < COAXIAL and away[j].argmin() == i else None)
-    return found
-
 
 @dataclass(frozen=True, eq=False)
 class Finding:
@@ -75,7 +56,7 @@ class Finding:
     - `disturbance`: the same of a disturbance, or of a rotor that gives more than commanded
     - `rotor`: the likeliest rotor
     - `named`: rotors that have failed with the wanted certainty
-    - `arm`: whether only one of both has failed, and which one does not show
+    - `arms`: pairs of these of which only one has failed, and which one does not show
     - `lost`: share of the thrust of a sound rotor that each has lost
     - `angle`: at which the servo of the named rotor sticks [rad]; None: the rotor has failed
     - `window`: the shortest likely one
@@ -89,7 +70,7 @@ class Finding:
     disturbance: float
     rotor: int
     named: tuple[int, ...]
-    arm: bool
+    arms: tuple[tuple[int, int], ...]
     lost: Array
     angle: float | None
     window: int
@@ -117,7 +98,7 @@ class _Name:
 
     rotors: tuple[int, ...] = ()
     lost: Array = field(default_factory=lambda: np.zeros(0))
-    arm: bool = False
+    arms: tuple[tuple[int, int], ...] = ()
     angle: float | None = None
 
 
@@ -165,14 +146,15 @@ class HypothesisTest:
     What loses less shows in time: a rotor that gathers a lead of `LASTING` is named, too; see
     `gathered`.
 
-    If the rotor does not lead its partner of a coaxial pair, the arm is named, until `of_arm`
-    tells which one has failed.  Servos that stick compete with the rotors: see `stuck_servos`.
+    If the rotor does not lead its partner of a coaxial pair, the arm is named, until `of_arms`
+    tells which one has failed; meanwhile it is one effector, which may be named again.  Servos
+    that stick compete with the rotors: see `stuck_servos`.
 
     Pairs of rotors are tested where a rotor would be named, in its window: the rotor between two
     that are lost explains their torque, and is not named if a pair leads it by `PAIR_ODDS`.  Where
     a disturbance is over `LIMIT` and no rotor leads it, they are tested in the window in which the
     disturbance is likeliest.  A pair is named if it leads a rotor by `ODDS`, a disturbance by
-    `MARGIN`, and cannot be a load.
+    `MARGIN`, and cannot be a load; of its rotors again the arm if one does not lead its partner.
 
     - `vehicle`
     - `wrenches` (6, n): force and torque per thrust of each rotor
@@ -217,7 +199,7 @@ class HypothesisTest:
     def __call__(
         self, ages: Array, lacked: Array, given: Array, lateral: Array, variance: Array,
         health: Array, peaks: Array, usual: Array, leads: Array, block: float,
-        arms: Sequence[int] = (), known: bool = True,
+        arms: Sequence[tuple[int, int]] = (), known: bool = True,
     ) -> Finding:
         """Test windows.
 
@@ -230,12 +212,12 @@ class HypothesisTest:
         - `usual` (n,): the mean thrust of each rotor [N]
         - `leads` (n,): what each rotor has gathered
         - `block`: time since the last test [s]
-        - `arms`: rotors of named arms, which are not named again
+        - `arms`: the named ones
         - `known`: whether it flies for long enough that no rotor owes a lead for the take-off
         """
         n, longest = len(health), len(ages) - 1
         own = given[:, :, :n]
-        signature, error = self.signatures(own, lateral)
+        health, signature, error = as_effectors(health, *self.signatures(own, lateral), arms)
         seen = (lacked**2 / variance).sum(axis=1)
         losses = losses_of(
             lacked, signature, error, variance, seen, least_shares(ages, own, peaks), health)
@@ -251,7 +233,7 @@ class HypothesisTest:
             evidence = np.maximum(evidence, servos)
         rotor = int(evidence.argmax()) if servo is None else servo.rotor
         case = _Case(
-            lacked, variance, own, lateral, health, np.isin(np.arange(n), arms),
+            lacked, variance, own, lateral, health, np.isin(np.arange(n), list(arms)),
             self._asked(ages, own, usual), losses, evidence, disturbance)
         name, window = self._now(case, rotor, likeliest, servo, leads)
         last = losses.evidence[longest]
@@ -262,9 +244,10 @@ class HypothesisTest:
         lasting = bool(not name.rotors and self._lasts(case, leads))
         if lasting:
             rotor, window = int(leads.argmax()), longest
-            name = self._name(rotor, min(losses.raw[longest, rotor], health[rotor]), leads)
+            share = min(losses.raw[longest, rotor], health[rotor])
+            name = self._name(rotor, share, np.where(health > 0.0, leads, -np.inf))
         return Finding(
-            evidence, disturbance, rotor, name.rotors, name.arm, name.lost, name.angle, window,
+            evidence, disturbance, rotor, name.rotors, name.arms, name.lost, name.angle, window,
             leads, lasting, losses.raw[longest], losses.errors[longest])
 
     def _now(
@@ -290,7 +273,7 @@ class HypothesisTest:
         window = int(np.where(likely, losses.shares[:, rotor], -1.0).argmax())
         share = losses.shares[window, rotor]
         clear = share >= CLEAR_LOSS * health[rotor] and case.asked[window, rotor]
-        if not leads_all or not clear or case.held[rotor] or leads[rotor] < 0.0:
+        if not leads_all or not clear or leads[rotor] < 0.0:
             return _Name(), window
         # The rotor between two lost ones explains their torque.
         name, evidence = self._pair(case, window, best)
@@ -303,7 +286,7 @@ class HypothesisTest:
         top, losses = int(leads.argmax()), case.losses
         weak = losses.raw[:, top].max() >= WEAK_LOSS * case.health[top]
         seen = leads[top] > LASTING and losses.evidence[-1, top] > SEEN
-        return bool(seen and weak and case.asked[-1, top] and not case.held[top])
+        return bool(seen and weak and case.asked[-1, top])
 
     def _asked(self, ages: Array, given: Array, usual: Array) -> BoolArray:
         """Return which rotors (T, n) give enough thrust (T, 6, n) in each window to be named."""
@@ -317,29 +300,36 @@ class HypothesisTest:
         return float(rivals.max())
 
     def _name(self, rotor: int, share: float, evidence: Array) -> _Name:
-        """Return the name of a rotor that lost a share, or of the arm of which it is one.
-
-        It is the arm if the rotor's evidence (n,) does not lead that of its partner.
-        """
+        """Return the name of a rotor that lost a share, by the evidence (n,) for each."""
         partner = self.partners[rotor]
-        if partner is None or evidence[rotor] - evidence[partner] > ODDS:
-            return _Name((rotor,), np.array([share]))
-        both = min(rotor, partner), max(rotor, partner)
-        return _Name(both, np.repeat(0.5 * share, 2), arm=True)
+        lead = np.inf if partner is None else evidence[rotor] - evidence[partner]
+        return self._names((rotor,), np.array([share]), np.array([lead]))
 
-    def of_arm(
-        self, lacked: Array, given: Array, lateral: Array, variance: Array, rotor: int,
-        partner: int, lost: float,
-    ) -> float:
-        """Return the evidence that a rotor of a named arm has failed, less that of its partner.
+    def _names(self, rotors: tuple[int, ...], lost: Array, leads: Array) -> _Name:
+        """Return the name of rotors that lost shares, or of the arms of which they are.
 
-        `lost`: what both are taken to have lost.  Others: see `__call__`.
+        It is the arm if a rotor does not lead its partner.
         """
-        given, error = self.signatures(given[:, :, : len(self.partners)], lateral)
-        apart = lost * (given[:, :, rotor] - given[:, :, partner])
-        wider = variance + 4.0 * lost**2 * error[:, :, rotor]
-        ratios = -2.0 * (apart * lacked / wider).sum(axis=1)
-        return float(ratios[abs(ratios).argmax()])
+        found, shares, arms = list[int](), list[float](), []
+        for rotor, share, lead in zip(rotors, lost.tolist(), leads.tolist(), strict=True):
+            partner = self.partners[rotor]
+            if partner is None or lead > ODDS:
+                found.append(rotor)
+                shares.append(share)
+            else:
+                both = min(rotor, partner), max(rotor, partner)
+                found += both
+                shares += 2 * [0.5 * share]
+                arms.append(both)
+        return _Name(tuple(found), np.array(shares), tuple(arms))
+
+    def of_arms(
+        self, lacked: Array, given: Array, lateral: Array, variance: Array,
+        arms: Sequence[tuple[int, int]], lost: Array,
+    ) -> Array:
+        """Return what `compared` does of what the rotors give; see `__call__`."""
+        own = given[:, :, : len(self.partners)]
+        return compared(lacked, variance, *self.signatures(own, lateral), arms, lost)
 
     def _pair(self, case: _Case, window: int, best: float) -> tuple[_Name, float]:
         """Return the name of two rotors whose failures explain a window, and their evidence.
@@ -350,8 +340,9 @@ class HypothesisTest:
             case.given[[window]], case.lateral[[window]], PAIRED))
         pair = likeliest_pair(
             case.lacked[window], case.variance[window], given, error,
-            np.where(case.held, 0.0, case.health))
+            np.where(case.held, 0.0, case.health), self.partners)
         force, torque = np.linalg.norm(pair.wrench.reshape(2, 3), axis=1)
         leads = pair.evidence > max(LIMIT, best + ODDS, case.disturbance + MARGIN)
         clear = leads and pair.lead > ODDS and torque >= self.lever * force
-        return _Name(pair.rotors, pair.lost) if clear else _Name(), pair.evidence
+        name = self._names(pair.rotors, pair.lost, pair.leads) if clear else _Name()
+        return name, pair.evidence

@@ -95,7 +95,7 @@ class MotionTest:
         self.usual.begin()
         self._learnt = self._motion
         self._waited = 0.0
-        self._named: tuple[int, ...] = ()
+        self._named: tuple[tuple[int, ...], tuple[tuple[int, int], ...]] = (), ()
         self._count, self._windows = 0, Windows(self.rotors.columns)
         self._leads, self._peaks = np.zeros(self._n), np.zeros(self._n)
 
@@ -188,7 +188,7 @@ class MotionTest:
         quiet = not failed and not beliefs.arms and seen <= SUSPICION
         if quiet or self._blind:
             # No evidence exceeds what is seen.
-            self._waited, self._count, self._named, self.suspect = 0.0, 0, (), None
+            self._waited, self._count, self._named, self.suspect = 0.0, 0, ((), ()), None
             self._leads = np.zeros(self._n)
             self.probabilities = NOBODY
             self._learn(spread, moving, given)
@@ -199,7 +199,7 @@ class MotionTest:
             windows.ages, impulses[..., own], changes[..., own])
         found = self.hypotheses(
             windows.ages, windows.lacked, impulses, windows.lateral, variance, beliefs.health,
-            self._peaks, usual.thrusts, self._leads, block, beliefs.held,
+            self._peaks, usual.thrusts, self._leads, block, tuple(beliefs.arms),
             usual.flown > LEARNING[0])
         self._leads = found.leads
         if found.greatest > SUSPICION and not moving:
@@ -222,7 +222,7 @@ class MotionTest:
         """Return whether the same rotors, and no others, are named in enough tests."""
         if not found.named:
             return False
-        named = (*found.named, -1) if found.arm else found.named
+        named = found.named, found.arms
         self._count = self._count + 1 if named == self._named else 1
         self._named = named
         if self._count < CONFIRMATIONS:
@@ -238,18 +238,21 @@ class MotionTest:
         age = self._windows.ages[found.window]
         longer = age / max(age - block, block)
         before, probabilities = beliefs.health, found.probabilities
+        arms = [rotor for arm in found.arms for rotor in arm]
         for rotor, share in zip(found.named, found.lost.tolist(), strict=True):
-            whole = beliefs.health[rotor] * (0.5 if found.arm else 1.0)
+            half = rotor in arms and rotor not in beliefs.held
+            whole = beliefs.health[rotor] * (0.5 if half else 1.0)
             if share * longer >= TOTAL * whole:
                 share = whole
             certainty = beliefs.found[rotor] or probabilities[rotor]
-            beliefs.found[rotor] = 0.5 if found.arm else max(certainty, CERTAIN)
+            beliefs.found[rotor] = 0.5 if rotor in arms else max(certainty, CERTAIN)
             if found.angle is None:
                 self.fail(rotor, share, time, 'motion')
             else:
                 self._stick(rotor, found.angle, time)
-        if found.arm:
-            beliefs.name_arm(*found.named)
+        for arm in found.arms:
+            beliefs.name_arm(*arm)
+        beliefs.close_arms()
         return not np.array_equal(beliefs.health, before)
 
     def fail(self, rotor: int, share: float, time: int, evidence: str) -> None:
@@ -282,10 +285,12 @@ class MotionTest:
     def _tell_arms(self, impulses: Array, variance: Array) -> bool:
         """Tell which rotors of named arms have failed, where it shows; return whether it does."""
         windows, arms, told = self._windows, self.beliefs.arms, []
-        for pair, count in arms.items():
-            evidence = self.hypotheses.of_arm(
-                windows.lacked, impulses, windows.lateral, variance, *pair,
-                self.beliefs.lost(pair[0]))
+        if not arms:
+            return False
+        evidences = self.hypotheses.of_arms(
+            windows.lacked, impulses, windows.lateral, variance, list(arms),
+            np.array([self.beliefs.lost(rotor) for rotor, _ in arms]))
+        for (pair, count), evidence in zip(arms.items(), evidences.tolist(), strict=True):
             sign = int(evidence > TELLING) - int(evidence < -TELLING)
             arms[pair] = sign + count if sign * count > 0 else sign
             if abs(arms[pair]) >= IN_A_ROW:
@@ -315,6 +320,9 @@ class MotionTest:
         """Estimate the health of rotors that have just failed; return whether it changes."""
         clear = np.abs(found.shares) > np.maximum(0.05, 3.0 * found.errors)
         rotors = [i for i in recent if clear[i] and self.beliefs.health[i] > 0.0]
+        held = self.beliefs.held
         for rotor in rotors:
-            self._reduce(rotor, float(found.shares[rotor]))
+            share = float(found.shares[rotor])
+            self._reduce(rotor, 0.5 * share if rotor in held else share)
+        self.beliefs.close_arms()
         return bool(rotors)

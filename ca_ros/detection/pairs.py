@@ -1,5 +1,6 @@
 """Two rotors that fail at once, and what they explain of an impulse."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +23,8 @@ class Pair:
     - `lost` (2,): the share of its thrust that each lost, at most its health
     - `evidence`: logarithm of the Bayes factor of both failures against nothing; 0 if no two
       rotors can have failed
-    - `lead`: of this evidence over that of the next two
+    - `lead`: of this evidence over that of the next two that are not of the same arms
+    - `leads` (2,): of this evidence over that with the partner in the place of each of the two
     - `wrench` (6,): what is lost
     """
 
@@ -30,11 +32,13 @@ class Pair:
     lost: Array
     evidence: float
     lead: float
+    leads: Array
     wrench: Array
 
 
 def likeliest_pair(
-    lacked: Array, variance: Array, given: Array, error: Array, health: Array
+    lacked: Array, variance: Array, given: Array, error: Array, health: Array,
+    partners: Sequence[int | None],
 ) -> Pair:
     """Return the two rotors whose failures explain a window best.
 
@@ -42,6 +46,7 @@ def likeliest_pair(
     - `given` and `error` (6, n): what the rotors give, and its variance; see
       `HypothesisTest.signatures`
     - `health` (n,): 0 for a rotor that is not named
+    - `partners`: the other rotor of each coaxial pair
     """
     wider = variance[:, None, None] + error[:, :, None] + error[:, None, :]
     product = -np.einsum('ki,k,kij->ij', given, lacked, 1.0 / wider)
@@ -59,10 +64,17 @@ def likeliest_pair(
     prior = np.maximum(1.0, norm / PRIOR)
     ratio = (wider / variance[:, None, None]).prod(axis=0) * prior * prior.T
     scores = 0.5 * (rest + taken + taken.T - np.log(ratio))
-    upper = np.triu(np.where(possible & possible.T, scores, 0.0), 1)
-    i, j = (int(k) for k in np.unravel_index(upper.argmax(), upper.shape))
-    evidence, upper[i, j] = float(upper[i, j]), 0.0
-    shares = np.array([first[i, j], first[j, i]])
+    scores = np.triu(np.where(possible & possible.T, scores, 0.0), 1)
+    scores = scores + scores.T
+    i, j = (int(k) for k in np.unravel_index(scores.argmax(), scores.shape))
+    evidence, shares = float(scores[i, j]), np.array([first[i, j], first[j, i]])
+    # Those of the same two arms are no rivals.
+    one, other = ([k for k in (rotor, partners[rotor]) if k is not None] for rotor in (i, j))
+    if j in one:
+        one, other = [i], [j]
+    same = scores[np.ix_(one, other)]
+    scores[np.ix_(one, other)] = scores[np.ix_(other, one)] = 0.0
+    swapped = np.array([same[1:].max(initial=0.0), same[:, 1:].max(initial=0.0)])
     return Pair(
-        (i, j), np.minimum(shares, health[[i, j]]), evidence, evidence - float(upper.max()),
-        given[:, [i, j]] @ shares)
+        (i, j), np.minimum(shares, health[[i, j]]), evidence, evidence - float(scores.max()),
+        evidence - swapped, given[:, [i, j]] @ shares)

@@ -11,6 +11,7 @@ from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.inertial import InertialMotion
 from ca_ros.detection.kernel_detector import Detector
 from ca_ros.detection.motor_model import CommandedRotors
+from ca_ros.detection.rotor_beliefs import words_of
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.formats.recording import Recording
@@ -28,6 +29,7 @@ class Naming:
 
     - `time`: since the beginning of the recording [s]
     - `rotors`: counted from 0
+    - `arms`: see `FailureDetector.failed_arms`
     - `health`: what each is left
     - `margin`: lead of the evidence over that of a disturbance, a natural logarithm
     - `phase`: 'launch', within `LAUNCH` s after the ground, 'landing', within `LANDING` s before
@@ -36,9 +38,16 @@ class Naming:
 
     time: float
     rotors: tuple[int, ...]
+    arms: tuple[tuple[int, int], ...]
     health: tuple[float, ...]
     margin: float
     phase: str
+
+    @property
+    def words(self) -> str:
+        """The rotors, counted from 1, such as '1 or 2, 5'; see `words_of`."""
+        words = words_of([rotor + 1 for rotor in self.rotors], self.arms)
+        return ', '.join(words.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +177,8 @@ def replay(
         if changed and len(lost):
             phase = 'launch' if off_ground < LAUNCH else 'flight'
             named.append(Naming(
-                float(now - begin), tuple(lost.tolist()), tuple(detector.health[lost].tolist()),
-                getattr(detector, 'margin', np.nan), phase))
+                float(now - begin), tuple(lost.tolist()), detector.failed_arms,
+                tuple(detector.health[lost].tolist()), getattr(detector, 'margin', np.nan), phase))
             detector.reset()
     return Replay(motion.times - begin, probabilities, named, motion.notes, flying)
 

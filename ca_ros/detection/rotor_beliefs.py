@@ -1,5 +1,7 @@
 """What is believed of each rotor: what is announced, less what was found."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from ca_ros.arrays import Array
@@ -10,6 +12,17 @@ USELESS = 0.2  # a rotor with less health is lost
 IN_A_ROW = 3  # tests, or measured speeds, one after the other, that change what is believed
 CERTAIN = 0.995  # least probability of a failure that was named
 REFINED = 0.5  # time after a failure in which its health is estimated further [s]
+
+
+def words_of(rotors: Iterable[int], arms: Iterable[tuple[int, int]]) -> dict[int, str]:
+    """Return by rotor its name, such as '3', and for the first of an arm '1 or 2'.
+
+    `rotors` and `arms`, of which one rotor has failed, are counted from 1.
+    """
+    others = dict(arms)
+    return {
+        rotor: f'{rotor} or {others[rotor]}' if rotor in others else str(rotor)
+        for rotor in rotors if rotor not in others.values()}
 
 
 class RotorBeliefs:
@@ -76,14 +89,19 @@ class RotorBeliefs:
     def name_arm(self, first: int, second: int) -> None:
         """Let one of two rotors have failed, and which one be unknown."""
         self.arms[first, second] = 0
-        for rotor in (first, second):
-            del self.refined[rotor]
+
+    def close_arms(self) -> None:
+        """Let both rotors of each named arm that gives nothing have failed."""
+        for pair in [pair for pair in self.arms if not self.delivered[list(pair)].any()]:
+            del self.arms[pair]
+            self.found[list(pair)] = CERTAIN
 
     def tell_arm(self, failed: int, sound: int) -> None:
         """Let one rotor of a named arm have failed, and the other one be sound."""
         del self.arms[min(failed, sound), max(failed, sound)]
         self.found[failed], self.found[sound] = CERTAIN, 0.0
         self.since[sound], self.evidence[sound] = None, ''
+        self.refined.pop(sound, None)
 
     def stick(self, rotor: int, angle: float) -> None:
         """Let a servo stick; its rotor is out of use, if the vehicle can do without it."""

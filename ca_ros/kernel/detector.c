@@ -307,11 +307,12 @@ static int ignores(ca_detector *detector, int64_t time)
 typedef struct {
     ca_real evidence[CA_N];                /* for the loss of each rotor, of its best window */
     ca_real disturbance;                   /* the same for a disturbance */
-    int rotor, window, names, named[2];    /* the likeliest rotor, and what is named */
-    int arm;                               /* whether one of the two that are named has failed */
-    ca_real lost[2];
+    int rotor, window, names, named[4];    /* the likeliest rotor, and what is named */
+    int open[4];                           /* 1 for both rotors of an arm of which one has failed */
+    ca_real lost[4];
     ca_real shares[CA_N], errors[CA_N];    /* lost by each rotor alone in the longest window */
     ca_real most[CA_N];                    /* the same, the most in any window */
+    ca_real levels[CA_N];                  /* what each has left, an arm as one effector */
     ca_real leads[CA_N];                   /* gathered so far */
     int lasting;                           /* whether these name it */
 } finding;
@@ -338,6 +339,52 @@ static void signature_of(const ca_detector_model *model, const ca_block *window,
     }
 }
 
+/* The other rotor of a coaxial pair, or -1. */
+static int partner_of(const ca_detector_model *model, int rotor)
+{
+    return (int)model->partner[rotor];
+}
+
+/* The same of what may fail next: a named arm is one effector, and both rotors show its mean. */
+static void effector_of(const ca_detector *detector, const ca_block *window, int rotor,
+                        ca_real *given, ca_real *error)
+{
+    ca_real others[6], errors[6];
+    signature_of(detector->model, window, rotor, 1, given, error);
+    if (!detector->arm[rotor])
+        return;
+    signature_of(detector->model, window, partner_of(detector->model, rotor), 1, others, errors);
+    for (int k = 0; k < 6; k++) {
+        given[k] = CA_REAL(0.5) * (given[k] + others[k]);
+        error[k] = CA_REAL(0.5) * (error[k] + errors[k]);
+    }
+}
+
+/* What it has left. */
+static ca_real level_of(const ca_detector *detector, int rotor)
+{
+    const ca_real health = detector->health[rotor];
+    return detector->arm[rotor] ? health + detector->health[partner_of(detector->model, rotor)]
+                                : health;
+}
+
+/* Name a rotor, too, or the arm of which it is one. */
+static void name(finding *found, int rotor, ca_real share, int partner, int arm)
+{
+    int *named = &found->named[found->names], *open = &found->open[found->names];
+    ca_real *lost = &found->lost[found->names];
+    found->names += 1 + arm;
+    named[0] = rotor;
+    lost[0] = share;
+    open[0] = arm;
+    if (arm) {
+        named[0] = rotor < partner ? rotor : partner;
+        named[1] = rotor < partner ? partner : rotor;
+        lost[0] = lost[1] = CA_REAL(0.5) * share;
+        open[1] = 1;
+    }
+}
+
 /* Find two rotors whose failures explain a window; name them if their evidence is over a bound.
  * Return the evidence for the likeliest two. */
 static ca_real find_pair(const ca_detector *detector, const ca_block *window,
@@ -345,25 +392,32 @@ static ca_real find_pair(const ca_detector *detector, const ca_block *window,
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
-    ca_real given[CA_N][6], errors[CA_N][6], best = 0, rival = 0, lost[2] = {0, 0}, taken[6];
-    int pair[2] = {0, 0};
-    for (int i = 0; i < n; i++)
+    ca_real given[CA_N][6], errors[CA_N][6], scores[CA_N][CA_N], best = 0, lost[2] = {0, 0};
+    ca_real least[CA_N], most[CA_N], taken[6], seen = 0;
+    int pair[2] = {0, 0}, open[2] = {0, 0};
+    for (int k = 0; k < 6; k++)
+        seen += window->impulse[k] * window->impulse[k] / variance[k];
+    for (int i = 0; i < n; i++) {
         signature_of(model, window, i, PAIRED, given[i], errors[i]);
+        /* A named arm is no part of a pair. */
+        const ca_real health = detector->arm[i] ? 0 : detector->health[i];
+        least[i] = LEAST_LOSS * ca_max(health, CA_REAL(1e-9));
+        most[i] = MOST_LOSS * health;
+    }
     for (int i = 0; i < n; i++)
         for (int j = i + 1; j < n; j++) {
-            const ca_real levels[2] = {detector->health[i], detector->health[j]};
-            if (detector->arm[i] || detector->arm[j])
-                continue;
-            ca_real a = 0, b = 0, ab = 0, aa = 0, bb = 0, rest = 0, ratio = 1;
+            scores[i][j] = 0;
+            ca_real a = 0, b = 0, ab = 0, aa = 0, bb = 0, rest = seen, ratio = 1;
             for (int k = 0; k < 6; k++) {
-                const ca_real v = variance[k] + errors[i][k] + errors[j][k];
-                const ca_real c = window->impulse[k], inverse = 1 / v;
-                a -= given[i][k] * c * inverse;
-                b -= given[j][k] * c * inverse;
-                aa += given[i][k] * given[i][k] * inverse;
-                bb += given[j][k] * given[j][k] * inverse;
-                ab += given[i][k] * given[j][k] * inverse;
-                rest += c * c * (1 / variance[k] - inverse);
+                const ca_real v = variance[k] + errors[i][k] + errors[j][k], inverse = 1 / v;
+                const ca_real one = given[i][k] * inverse, other = given[j][k] * inverse;
+                const ca_real c = window->impulse[k];
+                a -= one * c;
+                b -= other * c;
+                aa += one * given[i][k];
+                bb += other * given[j][k];
+                ab += one * given[j][k];
+                rest -= c * c * inverse;
                 ratio *= v / variance[k];
             }
             /* Rotors with parallel wrenches cannot be told apart. */
@@ -372,42 +426,46 @@ static ca_real find_pair(const ca_detector *detector, const ca_block *window,
                 continue;
             const ca_real one = (bb * a - ab * b) / determinant;
             const ca_real other = (aa * b - ab * a) / determinant;
-            if (!(one >= LEAST_LOSS * ca_max(levels[0], CA_REAL(1e-9)) &&
-                  other >= LEAST_LOSS * ca_max(levels[1], CA_REAL(1e-9)) &&
-                  one <= MOST_LOSS * levels[0] && other <= MOST_LOSS * levels[1]))
+            if (!(one >= least[i] && other >= least[j] && one <= most[i] && other <= most[j]))
                 continue;
             const ca_real prior = ca_max(1, aa / PRIOR) * ca_max(1, bb / PRIOR);
             const ca_real score =
                 CA_REAL(0.5) * (rest + one * a + other * b - ca_log(ratio * prior));
+            scores[i][j] = score;
             if (score > best) {
-                rival = best;
                 best = score;
                 pair[0] = i;
                 pair[1] = j;
                 lost[0] = one;
                 lost[1] = other;
-            } else {
-                rival = ca_max(rival, score);
             }
         }
-    if (best <= LIMIT || best - rival <= ODDS || best <= bound)
+    if (best <= LIMIT || best <= bound)
         return best;
+    const int others[2] = {partner_of(model, pair[0]), partner_of(model, pair[1])};
+    for (int i = 0; i < n; i++)
+        for (int j = i + 1; j < n; j++) {
+            if (best - scores[i][j] > ODDS || (i == pair[0] && j == pair[1]))
+                continue;
+            /* Those of the same two arms are no rivals. */
+            int first = -1, second = -1;
+            for (int k = 0; k < 2; k++) {
+                const int rotor = k ? j : i;
+                first = rotor == pair[0] || rotor == others[0] ? rotor : first;
+                second = rotor == pair[1] || rotor == others[1] ? rotor : second;
+            }
+            if (first < 0 || second < 0 || others[0] == pair[1])
+                return best;
+            open[0] |= first != pair[0];
+            open[1] |= second != pair[1];
+        }
     for (int k = 0; k < 6; k++)
         taken[k] = given[pair[0]][k] * lost[0] + given[pair[1]][k] * lost[1];
     if (ca_length(3, taken + 3) < model->lever * ca_length(3, taken))
         return best;
-    found->names = 2;
-    for (int k = 0; k < 2; k++) {
-        found->named[k] = pair[k];
-        found->lost[k] = ca_min(lost[k], detector->health[pair[k]]);
-    }
+    for (int k = 0; k < 2; k++)
+        name(found, pair[k], ca_min(lost[k], detector->health[pair[k]]), others[k], open[k]);
     return best;
-}
-
-/* The other rotor of a coaxial pair, or -1. */
-static int partner_of(const ca_detector_model *model, int rotor)
-{
-    return (int)model->partner[rotor];
 }
 
 /* Whether a rotor is asked for enough thrust to be named, over its usual one or that of hover. */
@@ -417,20 +475,6 @@ static int is_asked(const ca_detector *detector, const ca_block *window, int rot
     const ca_real usual = ca_abs(detector->mean_thrusts[rotor]);
     const ca_real least = ASKED * ca_clip(usual, CA_REAL(0.5) * hover, hover);
     return ca_abs(window->given[rotor]) >= least * window->length;
-}
-
-/* Name a rotor, or the arm of which it is one. */
-static void name(finding *found, int rotor, ca_real share, int partner, int arm)
-{
-    found->arm = arm;
-    found->names = 1 + arm;
-    found->named[0] = rotor;
-    found->lost[0] = share;
-    if (arm) {
-        found->named[0] = rotor < partner ? rotor : partner;
-        found->named[1] = rotor < partner ? partner : rotor;
-        found->lost[0] = found->lost[1] = CA_REAL(0.5) * share;
-    }
 }
 
 /* The evidence for the likelier one of a push and a contact with the ground, which pushes up. */
@@ -470,21 +514,21 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
         const ca_real lead = ca_min(evidence[i] - rival, LIMIT), before = detector->leads[i];
         found->leads[i] =
             ca_max(before + block / WINDOWS[CA_WINDOWS - 1] * lead, before < 0 ? -DEBT : 0);
-        if (detector->flown > LEARNING && lacking[i] > EXCESS * detector->health[i] &&
+        if (detector->flown > LEARNING && lacking[i] > EXCESS * found->levels[i] &&
             found->evidence[i] > LIMIT && found->disturbance - found->evidence[i] > DOUBT)
             found->leads[i] = -DEBT;
         top = found->leads[i] > found->leads[top] ? i : top;
     }
     if (found->names || !(found->leads[top] > LASTING && evidence[top] > SEEN) ||
-        found->most[top] < WEAK_LOSS * detector->health[top] || detector->arm[top] ||
-        !is_asked(detector, window, top))
+        found->most[top] < WEAK_LOSS * found->levels[top] || !is_asked(detector, window, top))
         return;
     const int partner = partner_of(model, top);
     found->rotor = top;
     found->window = CA_WINDOWS - 1;
     found->lasting = 1;
-    name(found, top, ca_min(found->shares[top], detector->health[top]), partner,
-         partner >= 0 && found->leads[top] - found->leads[partner] <= ODDS);
+    name(found, top, ca_min(found->shares[top], found->levels[top]), partner,
+         partner >= 0 && found->levels[partner] > 0 &&
+             found->leads[top] - found->leads[partner] <= ODDS);
 }
 
 /* What the loss of a share of one rotor's thrust explains of a window. */
@@ -494,12 +538,12 @@ typedef struct {
 } loss;
 
 static loss of_loss(const ca_detector *detector, const ca_block *window, const ca_real *variance,
-                    ca_real seen, int rotor)
+                    ca_real seen, int rotor, ca_real level)
 {
     const ca_real *c = window->impulse;
     ca_real given[6], error[6], product = 0, norm = CA_REAL(1e-12), rest = 0, ratio = 1;
     loss found = {0, 0, 0, 0};
-    signature_of(detector->model, window, rotor, 1, given, error);
+    effector_of(detector, window, rotor, given, error);
     for (int k = 0; k < 6; k++) {
         const ca_real weighted = given[k] / (variance[k] + error[k]);
         product -= weighted * c[k];
@@ -512,7 +556,7 @@ static loss of_loss(const ca_detector *detector, const ca_block *window, const c
     const ca_real own =
         ca_max(ca_abs(window->given[rotor]), CA_REAL(0.01) * peak + CA_REAL(1e-9));
     const ca_real lower = found.raw < 0 ? ca_min(1 - peak / own, 0) : 0;
-    const ca_real upper = found.raw < 0 ? 0 : detector->health[rotor];
+    const ca_real upper = found.raw < 0 ? 0 : level;
     const ca_real first = ca_clip(found.raw, lower, upper);
     if (!(ca_abs(first) > 0))
         return found;
@@ -545,7 +589,7 @@ static void name_now(const ca_detector *detector, const ca_block *windows,
     const ca_real best = found->evidence[rotor];
     const ca_real bound = ca_max(best + ODDS, found->disturbance + MARGIN);
     found->rotor = rotor;
-    found->names = found->arm = found->lasting = 0;
+    found->names = found->lasting = 0;
     found->window = likeliest;
     if (best <= LIMIT || best - found->disturbance <= MARGIN) {
         if (found->disturbance > LIMIT)
@@ -562,7 +606,7 @@ static void name_now(const ca_detector *detector, const ca_block *windows,
     const int partner = partner_of(detector->model, rotor);
     for (int i = 0; i < n; i++)
         leads &= i == rotor || i == partner || best - found->evidence[i] > ODDS;
-    if (!leads || share < CLEAR_LOSS * detector->health[rotor] || detector->arm[rotor] ||
+    if (!leads || share < CLEAR_LOSS * found->levels[rotor] ||
         detector->leads[rotor] < 0 || !is_asked(detector, &windows[found->window], rotor))
         return;
     /* The rotor between two lost ones explains their torque. */
@@ -582,8 +626,10 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
     ca_real evidence[CA_WINDOWS][CA_N], shares[CA_WINDOWS][CA_N], disturbances[CA_WINDOWS];
     ca_real lacking[CA_WINDOWS][CA_N];
     int likeliest = 0;
-    for (int i = 0; i < n; i++)
+    for (int i = 0; i < n; i++) {
         found->evidence[i] = 0;
+        found->levels[i] = level_of(detector, i);
+    }
     found->disturbance = 0;
     for (int t = 0; t < CA_WINDOWS; t++) {
         const ca_real *v = variance[t];
@@ -592,7 +638,7 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
             seen += windows[t].impulse[k] * windows[t].impulse[k] / v[k];
         disturbances[t] = of_disturbances(model, &windows[t], v, seen);
         for (int i = 0; i < n; i++) {
-            const loss each = of_loss(detector, &windows[t], v, seen, i);
+            const loss each = of_loss(detector, &windows[t], v, seen, i, found->levels[i]);
             found->shares[i] = lacking[t][i] = each.raw;
             found->most[i] = t ? ca_max(found->most[i], each.raw) : each.raw;
             found->errors[i] = each.error;
@@ -613,18 +659,46 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
            disturbances[CA_WINDOWS - 1], lacking[likeliest], found);
 }
 
-/* The evidence that a rotor of a named arm has failed, less that of its partner. */
-static ca_real of_arm(const ca_detector *detector, const ca_block *window,
-                      const ca_real *variance, int rotor, int partner)
+/* Set, for the first rotor of each named arm, the evidence that it has failed, less that of its
+ * partner, if a window shows more than those before. */
+static void compare_arms(const ca_detector *detector, const ca_block *window,
+                         const ca_real *variance, ca_real *evidence)
 {
-    const ca_real lost = detector->announced[rotor] - detector->health[rotor];
-    ca_real given[6], others[6], error[6], ratio = 0;
-    signature_of(detector->model, window, partner, 1, others, error);
-    signature_of(detector->model, window, rotor, 1, given, error);
-    for (int k = 0; k < 6; k++)
-        ratio -= 2 * lost * (given[k] - others[k]) * window->impulse[k] /
-                 (variance[k] + 4 * lost * lost * error[k]);
-    return ratio;
+    const ca_detector_model *model = detector->model;
+    ca_real apart[(CA_N + 1) / 2][6], own[(CA_N + 1) / 2], wider[6], given[6], others[6], error[6];
+    int arms = 0, rotors[(CA_N + 1) / 2];
+    ca_copy(6, variance, wider);
+    for (int i = 0; i < ROTORS(model); i++) {
+        const ca_real lost = detector->announced[i] - detector->health[i];
+        if (!detector->arm[i] || partner_of(model, i) < i)
+            continue;
+        signature_of(model, window, partner_of(model, i), 1, others, error);
+        signature_of(model, window, i, 1, given, error);
+        for (int k = 0; k < 6; k++) {
+            apart[arms][k] = lost * (given[k] - others[k]);
+            wider[k] += 4 * lost * lost * error[k];
+        }
+        rotors[arms++] = i;
+    }
+    for (int a = 0; a < arms; a++) {
+        own[a] = 0;
+        for (int k = 0; k < 6; k++)
+            own[a] += apart[a][k] * window->impulse[k] / wider[k];
+    }
+    for (int a = 0; a < arms; a++) {
+        ca_real ratio = -2 * own[a];
+        for (int b = 0; b < arms; b++) {
+            if (b == a)
+                continue;
+            /* Of the two rotors of each other arm the likelier one has failed. */
+            ca_real both = 0;
+            for (int k = 0; k < 6; k++)
+                both += apart[a][k] * apart[b][k] / wider[k];
+            ratio += ca_abs(own[b] + both) - ca_abs(own[b] - both);
+        }
+        if (ca_abs(ratio) > ca_abs(evidence[rotors[a]]))
+            evidence[rotors[a]] = ratio;
+    }
 }
 
 /* The detector. */
@@ -685,9 +759,13 @@ static void reduce(ca_detector *detector, int rotor, ca_real share)
     left = left < USELESS * whole ? 0 : left;
     ca_real given[6], error[6];
     for (int b = 0; b < CA_BLOCKS; b++) {
-        signature_of(detector->model, &detector->blocks[b], rotor, 1, given, error);
+        ca_block *block = &detector->blocks[b];
+        /* It may be forgotten. */
+        if (!(block->length > 0))
+            continue;
+        signature_of(detector->model, block, rotor, 1, given, error);
         for (int k = 0; k < 6; k++)
-            detector->blocks[b].impulse[k] += (health - left) * given[k];
+            block->impulse[k] += (health - left) * given[k];
     }
     detector->health[rotor] = left;
 }
@@ -701,6 +779,17 @@ static void fail(ca_detector *detector, int rotor, ca_real share, int64_t time, 
     reduce(detector, rotor, share);
 }
 
+/* Let both rotors of each named arm that gives nothing have failed. */
+static void close_arms(ca_detector *detector)
+{
+    for (int i = 0; i < ROTORS(detector->model); i++)
+        if (detector->arm[i] && !(level_of(detector, i) > 0)) {
+            const int partner = partner_of(detector->model, i);
+            detector->arm[i] = detector->arm[partner] = 0;
+            detector->probabilities[i] = detector->probabilities[partner] = CERTAIN;
+        }
+}
+
 /* Estimate the health of rotors that have just failed, the young ones; return whether it changes. */
 static int refine(ca_detector *detector, const finding *found, const int *young)
 {
@@ -708,9 +797,10 @@ static int refine(ca_detector *detector, const finding *found, const int *young)
     for (int i = 0; i < ROTORS(detector->model); i++)
         if (young[i] && detector->health[i] > 0 &&
             ca_abs(found->shares[i]) > ca_max(CA_REAL(0.05), 3 * found->errors[i])) {
-            reduce(detector, i, found->shares[i]);
+            reduce(detector, i, (detector->arm[i] ? CA_REAL(0.5) : 1) * found->shares[i]);
             changed = 1;
         }
+    close_arms(detector);
     return changed;
 }
 
@@ -723,6 +813,7 @@ static void tell(ca_detector *detector, int failed, int sound)
     reduce(detector, sound, -lost);
     detector->probabilities[failed] = CERTAIN;
     detector->sound[sound] = 1;
+    detector->refined[sound] = CA_UNBOUNDED;
     detector->since[sound] = 0;
     detector->evidence[sound] = CA_NONE;
     detector->probabilities[sound] = 0;
@@ -733,16 +824,14 @@ static int tell_arms(ca_detector *detector, const ca_block *windows,
                      const ca_real variance[CA_WINDOWS][6])
 {
     int changed = 0;
+    ca_real evidence[CA_N] = {0};
+    for (int t = 0; t < CA_WINDOWS; t++)
+        compare_arms(detector, &windows[t], variance[t], evidence);
     for (int i = 0; i < ROTORS(detector->model); i++) {
-        const int partner = partner_of(detector->model, i);
+        const int partner = partner_of(detector->model, i), count = detector->upper[i];
+        const int upper = evidence[i] > TELLING, lower = evidence[i] < -TELLING;
         if (!detector->arm[i] || partner < i)
             continue;
-        ca_real best = 0;
-        for (int t = 0; t < CA_WINDOWS; t++) {
-            const ca_real each = of_arm(detector, &windows[t], variance[t], i, partner);
-            best = ca_abs(each) > ca_abs(best) ? each : best;
-        }
-        const int upper = best > TELLING, lower = best < -TELLING, count = detector->upper[i];
         detector->upper[i] = upper ? most(count, 0) + 1 : lower ? -most(-count, 0) - 1 : 0;
         if (detector->upper[i] < IN_A_ROW && -detector->upper[i] < IN_A_ROW)
             continue;
@@ -891,15 +980,15 @@ static void clear_suspicion(ca_detector *detector)
 /* Whether the same rotors, and no others, were named in enough tests of a suspicion. */
 static int confirmed(ca_detector *detector, const finding *found)
 {
-    int same = found->names == detector->names && found->arm == detector->named_arm;
+    int same = found->names == detector->names;
     if (!found->names)
         return 0;
     for (int k = 0; k < found->names; k++) {
-        same = same && found->named[k] == detector->named[k];
+        same = same && found->named[k] == detector->named[k] && found->open[k] == detector->open[k];
         detector->named[k] = found->named[k];
+        detector->open[k] = found->open[k];
     }
     detector->names = found->names;
-    detector->named_arm = found->arm;
     detector->count = same ? detector->count + 1 : 1;
     if (detector->count < CONFIRMATIONS)
         return 0;
@@ -986,19 +1075,20 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     for (int k = 0; k < found.names; k++) {
         const int rotor = found.named[k];
         ca_real share = found.lost[k];
-        const ca_real whole = found.arm ? CA_REAL(0.5) * detector->health[rotor]
-                                        : detector->health[rotor];
+        const ca_real whole = found.open[k] && !detector->arm[rotor]
+                                  ? CA_REAL(0.5) * detector->health[rotor]
+                                  : detector->health[rotor];
         if (share * longer >= TOTAL * whole)
             share = whole;
         const ca_real likely = ca_max(detector->probabilities[rotor], CERTAIN);
-        detector->probabilities[rotor] = found.arm ? CA_REAL(0.5) : likely;
+        detector->probabilities[rotor] = found.open[k] ? CA_REAL(0.5) : likely;
         fail(detector, rotor, share, time, CA_MOTION);
-        if (found.arm) {
+        if (found.open[k]) {
             detector->arm[rotor] = 1;
             detector->upper[rotor] = 0;
-            detector->refined[rotor] = CA_UNBOUNDED;
         }
     }
+    close_arms(detector);
     return 1;
 }
 

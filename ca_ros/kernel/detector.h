@@ -108,7 +108,7 @@ typedef struct {
     int64_t blind; /* time until it is tested [ns]; above a second, motors are unknown */
     ca_real flown, waited, unlearnt, refined[CA_N];
     ca_real leads[CA_N];     /* of each rotor over all else, gathered while it is suspected */
-    int named[2], names, named_arm, count, windows[CA_WINDOWS];
+    int named[4], open[4], names, count, windows[CA_WINDOWS];
     int arm[CA_N], upper[CA_N]; /* 1 for both of a named arm; tests in a row for one of the two */
     int sound[CA_N];
     ca_real thrusts[CA_N], peaks[CA_N]; /* the last ones, and the greatest of about a second */

@@ -14,6 +14,7 @@ from ca_ros.control.momentum_observer import GAP, RESTART
 from ca_ros.detection.inertial import InertialMotion, SpecificForces
 from ca_ros.detection.kernel_detector import Detector, make_detector
 from ca_ros.detection.lag_check import LagCheck
+from ca_ros.detection.rotor_beliefs import words_of
 from ca_ros.detection.speed_residual import oldest_measurement
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.belief import Belief
@@ -115,11 +116,13 @@ class MonitorNode(Node):
         """Return which rotors have failed, or may be failing."""
         detector = self.detector
         lost = detector.vehicle.with_health(detector.health).lost
-        failed = [
-            f'rotor {i + 1} {"lost" if lost[i] else "weak"} since {since / 1e9:.2f} s '
-            f'({detector.evidence[i]})' for i, since in enumerate(detector.since)
-            if since is not None
-        ]
+        found = [i + 1 for i, since in enumerate(detector.since) if since is not None]
+        failed = []
+        for rotor, words in words_of(found, detector.failed_arms).items():
+            i, arm = rotor - 1, words != str(rotor)
+            what = 'failed' if arm else 'lost' if lost[i] else 'weak'
+            seconds = (detector.since[i] or 0) / 1e9
+            failed.append(f'rotor {words} {what} since {seconds:.2f} s ({detector.evidence[i]})')
         if failed:
             return ERROR, ', '.join(failed)
         if not self.watchdog.awake:

@@ -72,10 +72,9 @@ def report(name: str, found: Replay) -> list[str]:
         return [*lines, 'nothing is named']
     lines.append('time [s]  phase    rotors    health      margin over a disturbance')
     for each in found.named:
-        rotors = ', '.join(str(i + 1) for i in each.rotors)
         health = ', '.join(f'{share:.2f}' for share in each.health)
         lines.append(
-            f'{each.time:8.2f}  {each.phase:7s}  {rotors:8s}  {health:10s}  {each.margin:.1f}')
+            f'{each.time:8.2f}  {each.phase:7s}  {each.words:8s}  {health:10s}  {each.margin:.1f}')
     return lines
 
 
@@ -85,8 +84,7 @@ def _answer(rotor: int, time: float, found: Replay) -> str:
     after = [each for each in found.named if each.time >= time]
     if not after:
         return f'{what}: not named within {WAIT:g} s'
-    names = ', '.join(str(i + 1) for i in after[0].rotors)
-    return f'{what}: rotor {names} named after {1e3 * (after[0].time - time):.0f} ms'
+    return f'{what}: rotor {after[0].words} named after {1e3 * (after[0].time - time):.0f} ms'
 
 
 def _draw(found: Replay, file: Path) -> None:
