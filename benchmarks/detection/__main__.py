@@ -140,7 +140,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     try:
         text, found = run(options)
-    except CaRosError as error:
+    except (CaRosError, ModuleNotFoundError) as error:
         print(f'detection: {error}', file=sys.stderr)
         return 1
     options.out.mkdir(parents=True, exist_ok=True)

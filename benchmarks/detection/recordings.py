@@ -1,12 +1,13 @@
-"""Recorded flights of one vehicle through the detector: one row of the table of docs/detection.md.
+"""Recorded flights of one vehicle through the detector.
 
 ``python -m benchmarks.detection.recordings FLIGHT... VEHICLE.yaml``; files and options are those
-of ``ca_ros replay``.
+of ``ca_ros replay``.  `benchmarks.detection.real_flights` does it for what others published.
 """
 
 import argparse
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from ca_ros.arrays import Array
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.detection.lag_check import LagCheck
-from ca_ros.detection.replay import WAIT, Motion, Replay, motion_of, replay, without_rotor
+from ca_ros.detection.replay import WAIT, Motion, Naming, Replay, motion_of, replay, without_rotor
 from ca_ros.settings import read
 from ca_ros.vehicle.files import read as read_file
 from ca_ros.vehicle.formats.recording import Recording, read_recording
@@ -26,6 +27,48 @@ from ca_ros.vehicle.vehicle import Vehicle
 PHASES = 'launch', 'flight', 'landing'
 BUSY = 0.5  # least mean thrust of a rotor that is taken, over its share of the weight
 ASKED = 0.2  # time over which this mean is taken [s]
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A rotor that was taken from a recorded flight.
+
+    - `rotor` and `time` [s]
+    - `named`: what the detector named first after it, if anything
+    - `after`: how much later [s]; infinite if the rotor is not in it
+    """
+
+    rotor: int
+    time: float
+    named: Naming | None
+    after: float
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """A recorded flight through the detector.
+
+    - `found`: what it named
+    - `fault`: what the check of the motors' lag says
+    - `taken`: rotors that were taken from it
+    """
+
+    name: str
+    found: Replay
+    fault: str
+    taken: list[Taken] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        """Return the flight in a line, and one more for each rotor that is not named right."""
+        names = ', '.join(
+            f'{each.phase} {each.time:.2f} s {each.words}' for each in self.found.named)
+        lines = [f'{self.name}: {self.found.in_air:.1f} s in the air; {names or "nothing named"}; '
+                 f'{self.fault}'.rstrip('; ')]
+        lines += [
+            f'    rotor {each.rotor + 1} at {each.time:.2f} s: '
+            f'{each.named.words if each.named else "not named"}'
+            for each in self.taken if not np.isfinite(each.after)]
+        return '\n'.join(lines)
 
 
 def losses(
@@ -63,6 +106,37 @@ def lag_fault(
     return check.fault
 
 
+def through_detector(
+    file: Path, vehicle_file: Path, throttle: str | None = None, frame: str = 'flu',
+    seed: int | None = None,
+) -> Replayed:
+    """Replay a flight; with a seed each rotor is also taken from it twice."""
+    vehicle = Vehicle.load(vehicle_file)
+    given = read_file(vehicle_file)
+    ours = {name: value for name, value in given.items() if name.startswith('detector.')}
+    settings = read(DetectorSettings, ours, 'detector.')
+    recording = speeds_of(vehicle, read_recording(file, vehicle.n, frame), throttle)
+    motion = motion_of(vehicle, recording)
+    found = replay(vehicle, recording, settings, motion, make_detector)
+    fault = lag_fault(vehicle, recording, settings, motion, found.flying)
+    replayed = Replayed(file.stem, found, fault)
+    if seed is None:
+        return replayed
+    for rotor, at in losses(vehicle, recording, found, np.random.default_rng(seed)):
+        lost = without_rotor(vehicle, recording, settings, motion, rotor, at)
+        named = replay(vehicle, recording, settings, lost, make_detector).named
+        after = [each for each in named if each.time >= at]
+        right = bool(after) and rotor in after[0].rotors
+        replayed.taken.append(Taken(
+            rotor, at, after[0] if after else None, after[0].time - at if right else np.inf))
+    return replayed
+
+
+def alarms(flights: Sequence[Replayed]) -> Counter[str]:
+    """Return the alarms of flights in each phase."""
+    return Counter(each.phase for flight in flights for each in flight.found.named)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Replay and print; return the exit code."""
     parser = argparse.ArgumentParser(
@@ -70,51 +144,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
     add('flights', type=Path, nargs='+', metavar='FLIGHT')
-    add('vehicle')
+    add('vehicle', type=Path)
     add('--throttle', choices=['linear', 'quadratic', 'curve'])
     add('--frame', choices=['flu', 'frd'], default='flu')
     add('--losses', action='store_true', help='take each rotor twice from the middle third')
     options = parser.parse_args(argv)
-    vehicle = Vehicle.load(options.vehicle)
-    given = read_file(options.vehicle)
-    ours = {name: value for name, value in given.items() if name.startswith('detector.')}
-    settings, phases = read(DetectorSettings, ours, 'detector.'), Counter[str]()
-    named, flown, faults = list[tuple[tuple[int, ...], float]](), 0.0, 0
+    flights = []
     for i, file in enumerate(options.flights):
-        recording = speeds_of(
-            vehicle, read_recording(file, vehicle.n, options.frame), options.throttle)
-        motion = motion_of(vehicle, recording)
-        found = replay(vehicle, recording, settings, motion, make_detector)
-        flown += found.in_air
-        phases.update(each.phase for each in found.named)
-        fault = lag_fault(vehicle, recording, settings, motion, found.flying)
-        faults += bool(fault)
-        names = ', '.join(
-            f'{each.phase} {each.time:.2f} s {each.words}'
-            for each in found.named)
-        print(f'{file.stem}: {found.in_air:.1f} s in the air; {names or "nothing named"}; {fault}')
-        if not options.losses:
-            continue
-        for rotor, at in losses(vehicle, recording, found, np.random.default_rng(i)):
-            lost = without_rotor(vehicle, recording, settings, motion, rotor, at)
-            after = [
-                each for each in replay(
-                    vehicle, recording, settings, lost, make_detector).named if each.time >= at]
-            right = bool(after) and rotor in after[0].rotors
-            named.append(
-                (after[0].rotors if after else (), after[0].time - at if right else np.inf))
-            if not right:
-                print(f'    rotor {rotor + 1} at {at:.2f} s: '
-                      f'{after[0].words if after else "not named"}')
-    alarms = ', '.join(f'{phase} {phases[phase]}' for phase in PHASES)
-    print(f'{len(options.flights)} flights, {flown:.0f} s in the air; alarms: {alarms}; '
-          f'warnings of the lag: {faults}')
-    if named:
-        after_all = np.array([after for _, after in named])
-        wrong = sum(bool(rotors) and not np.isfinite(after) for rotors, after in named)
-        print(f'losses named right {share(int(np.isfinite(after_all).sum()), len(named))} %, '
-              f'median {1e3 * np.median(after_all):.0f} ms, wrong {wrong}, '
-              f'within {WAIT:g} s')
+        flights.append(through_detector(
+            file, options.vehicle, options.throttle, options.frame, i if options.losses else None))
+        print(flights[-1], flush=True)
+    phases, flown = alarms(flights), sum(each.found.in_air for each in flights)
+    print(f'{len(flights)} flights, {flown:.0f} s in the air; alarms: '
+          f'{", ".join(f"{phase} {phases[phase]}" for phase in PHASES)}; '
+          f'warnings of the lag: {sum(bool(each.fault) for each in flights)}')
+    if taken := [each for flight in flights for each in flight.taken]:
+        after = np.array([each.after for each in taken])
+        wrong = sum(bool(each.named) and not np.isfinite(each.after) for each in taken)
+        print(f'losses named right {share(int(np.isfinite(after).sum()), len(taken))} %, '
+              f'median {1e3 * np.median(after):.0f} ms, wrong {wrong}, within {WAIT:g} s')
     return 0
 
 

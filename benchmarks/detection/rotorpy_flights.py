@@ -107,6 +107,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--publish', action='store_true', help=f'fly with seeds from {PUBLISHED} on')
     add('--out', type=Path, default=Path('out/detection'), metavar='DIR')
     options = parser.parse_args(argv)
+    try:
+        import_module('adapter')
+    except RuntimeError as error:  # of another version, or none
+        parser.error(str(error))
     told = {'motor_time_constant': LAG, 'delay': DELAY}
     setups = [Setup.load(name, settings=told) for name in options.vehicles]
     first = PUBLISHED if options.publish else 0

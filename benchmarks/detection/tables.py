@@ -51,7 +51,7 @@ def alarms(found: Mapping[str, Mapping[str, Count]]) -> str:
         hours = ', '.join(f'{counts[name].hours:.2f}' for name in names)
         cells += [hours, str(sum(count.overturned for count in counts.values()))]
         rows.append([f'`{vehicle}`', *cells])
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def contacts(found: Mapping[str, Mapping[str, Count]]) -> str:
@@ -69,7 +69,7 @@ def contacts(found: Mapping[str, Mapping[str, Count]]) -> str:
         ])
     head = ['vehicle', 'landings with an alarm [%]', 'alarms in take-off',
             'pushes with an alarm [%]']
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def names(found: Mapping[tuple[str, ...], Sequence[Outcome]], labels: Sequence[str]) -> str:
@@ -92,7 +92,7 @@ def names(found: Mapping[tuple[str, ...], Sequence[Outcome]], labels: Sequence[s
             *(quantile(outcomes, q) for q in (0.5, 0.9)),
             str(sum(each.early for each in outcomes)),
         ])
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def goes_on(found: Mapping[tuple[str, ...], Sequence[Flown]], ways: Sequence[str]) -> str:
@@ -107,7 +107,7 @@ def goes_on(found: Mapping[tuple[str, ...], Sequence[Flown]], ways: Sequence[str
         ])
     head = ['vehicle', 'condition', *(f'{way}: fly on [%]' for way in ways),
             *(f'{way}: tilt, drop' for way in ways)]
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def acted(found: Mapping[tuple[str, ...], Acted]) -> str:
@@ -119,7 +119,7 @@ def acted(found: Mapping[tuple[str, ...], Acted]) -> str:
     ]
     head = ['vehicle', 'condition', 'names an hour', 'seconds an hour without a sound rotor',
             'turned over', 'hours']
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def _spread(flights: Sequence[Flown]) -> str:
@@ -134,6 +134,6 @@ def quantile(outcomes: Iterable[Outcome], q: float) -> str:
     return f'{1e3 * found:.0f}' if np.isfinite(found) else 'never'
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = [head, ['---'] * len(head), *rows]
     return '\n'.join(f'| {" | ".join(line)} |' for line in lines) + '\n'

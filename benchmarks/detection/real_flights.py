@@ -1,0 +1,202 @@
+"""Real flights of others through the detector.
+
+``python -m benchmarks.detection.real_flights FOLDER``: FOLDER has a clone of each repository of
+`data_sets.SETS`.  For each set `ca_ros identify` finds the vehicle from some flights, and the
+others are replayed.  Sets and files that are missing are left out.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.detection.data_sets import SETS, WHOLE, DataSet, files
+from benchmarks.detection.recordings import PHASES, Replayed, alarms, through_detector
+from benchmarks.detection.tables import rate, share, table
+from ca_ros.studies.identify import report
+from ca_ros.vehicle.formats.edited_yaml import with_values
+from ca_ros.vehicle.formats.recording import read_recording
+from ca_ros.vehicle.identification import SURE_R2, identify, speeds_of
+from ca_ros.vehicle.vehicle import Vehicle
+
+AIR_MIN = 2.0  # a file with less time in the air is no flight [s]
+SOUND = '', WHOLE  # rows of flights whose vehicle is sound
+CARRIED = 0.5  # least sum of squared commands in flight, over its 90 % quantile
+
+
+def converted(data: DataSet, names: Sequence[Path], folder: Path) -> dict[Path, Path]:
+    """Write flights as `ca_ros replay` reads them, once; return the files by name.
+
+    Copies of a flight, and what cannot be used, are left out.
+    """
+    found, seen = dict[Path, Path](), set[bytes]()
+    folder.mkdir(parents=True, exist_ok=True)
+    for file in names:
+        target = folder / f'{file.parent.name}__{file.stem}.npz'
+        try:
+            if not target.exists():
+                streams: dict[str, Any] = data.read(file)
+                np.savez_compressed(target, **streams)
+        except (OSError, ValueError) as error:
+            print(f'{folder.name}: {file.name} is left out: {error}', file=sys.stderr)
+            continue
+        with np.load(target) as streams:
+            motion = streams['gyro'].tobytes()
+        if motion in seen:
+            print(f'{folder.name}: {file.name} is left out: a copy', file=sys.stderr)
+            continue
+        seen.add(motion)
+        found[file] = target
+    return found
+
+
+def thrust_coefficient(data: DataSet, known: Sequence[Path]) -> float:
+    """Return the thrust coefficient that carries the weight in the mean of some flights [kg m]."""
+    squares = []
+    for file in known:
+        with np.load(file) as streams:
+            speeds = streams['command'] * (data.vehicle.speed_max if data.throttle else 1.0)
+        each = np.square(speeds).sum(axis=1)
+        squares.append(each[each > CARRIED * np.percentile(each, 90)])
+    return data.vehicle.weight / float(np.concatenate(squares).mean())
+
+
+def identified(data: DataSet, known: Sequence[Path], folder: Path) -> Path:
+    """Write what `ca_ros identify` finds to a vehicle's file, beside its report; return the file.
+
+    Lag and delay are written also where only their intervals are too wide: both together are
+    known better.
+    """
+    target = folder / 'vehicle.yaml'
+    if data.like:
+        text = (folder.parent / data.like / 'vehicle.yaml').read_text(encoding='utf-8')
+    else:
+        data.vehicle.save(target)
+        text = target.read_text(encoding='utf-8')
+    thrust = thrust_coefficient(data, known)
+    torque = thrust * (data.vehicle.torque_coefficient / data.vehicle.thrust_coefficient)[0]
+    text = with_values(text, {
+        'rotors.thrust_coefficient': thrust, 'rotors.torque_coefficient': float(torque)})
+    target.write_text(text, encoding='utf-8')
+    vehicle = Vehicle.load(target)
+    flights = [
+        speeds_of(vehicle, read_recording(file, vehicle.n), data.throttle) for file in known]
+    found = identify(vehicle, flights)
+    values = dict(found.parameters)
+    if found.lag.r2 > SURE_R2:
+        values |= {'detector.motor_time_constant': round(found.lag.value, 5),
+                   'detector.delay': round(found.delay.value, 5)}
+    target.write_text(with_values(text, values), encoding='utf-8')
+    (folder / 'identify.txt').write_text('\n'.join(report(found)) + '\n', encoding='utf-8')
+    return target
+
+
+def flown(
+    name: str, clones: Path, out: Path, pool: ProcessPoolExecutor, losses: bool
+) -> dict[str, list[Replayed]]:
+    """Identify and replay a set; return its flights by row of the table."""
+    data = SETS[name]
+    clone, folder = clones / data.folder, out / name
+    known = files(clone, data.known)
+    others = [file for file in files(clone, data.replayed) if file not in known]
+    if not known or not others:
+        print(f'{name}: no flights in {clone}', file=sys.stderr)
+        return {}
+    flights = converted(data, [*known, *others], folder)
+    vehicle = identified(data, [flights[file] for file in known if file in flights], folder)
+    others = [file for file in others if file in flights]
+    rows = [data.row(file) for file in others]
+    jobs = [
+        pool.submit(through_detector, flights[file], vehicle, data.throttle, 'flu',
+                    i if losses and row in SOUND else None)
+        for i, (file, row) in enumerate(zip(others, rows, strict=True))]
+    found: dict[str, list[Replayed]] = {row: [] for row in sorted(set(rows))}
+    for row, job in zip(rows, jobs, strict=True):
+        flight = job.result()
+        print(f'{name} {row}: {flight}', flush=True)
+        if flight.found.in_air > AIR_MIN:
+            found[row].append(flight)
+    return found
+
+
+def in_the_air(found: dict[str, dict[str, list[Replayed]]]) -> str:
+    """Return the table of alarms, and of rotors that were taken."""
+    lines = []
+    for name, rows in found.items():
+        for row, flights in rows.items():
+            if row not in SOUND:
+                continue
+            landings = sum(int((np.diff(each.found.flying.astype(int)) < 0).sum())
+                           for each in flights)
+            phases, hours = alarms(flights), sum(each.found.in_air for each in flights) / 3600.0
+            taken = [each for flight in flights for each in flight.taken]
+            after = np.array([each.after for each in taken])
+            right = int(np.isfinite(after).sum())
+            times = [f'{1e3 * np.quantile(after, q, method="higher"):.0f}' for q in (0.5, 0.9)] \
+                if taken else []
+            lines.append([
+                ', '.join(filter(None, [name, row])), str(len(flights)), f'{3600.0 * hours:.0f}',
+                str(landings),
+                *(str(phases[phase]) for phase in PHASES),
+                rate(sum(phases.values()), hours),
+                share(right, len(taken)) if taken else '',
+                str(sum(bool(each.named) for each in taken) - right) if taken else '',
+                ', '.join(times).replace('inf', 'never'),
+                str(sum(bool(each.fault) for each in flights))])
+    return table(
+        ['set', 'flights', 'in the air [s]', 'landings', 'alarms: launch', 'flight', 'landing',
+         'an hour', 'taken rotors named right [%]', 'wrong', 'median, 90 % [ms]',
+         'warnings of the lag'],
+        lines)
+
+
+def on_propellers(flights: dict[str, list[Replayed]]) -> str:
+    """Return the table of what was named first where something was done to propellers."""
+    lines = []
+    for row, own in flights.items():
+        first = [flight.found.named[0].rotors if flight.found.named else () for flight in own]
+        means = [each.found.probabilities[each.found.flying].mean(axis=0) for each in own]
+        scores = np.mean(means, axis=0)
+        lines.append([
+            row, str(len(own)),
+            *(str(sum(each == (i,) for each in first)) for i in range(len(scores) - 1)),
+            str(sum(len(each) > 1 for each in first)), str(sum(not each for each in first)),
+            ', '.join(f'{each:.2f}' for each in scores)])
+    rotors = [f'rotor {i + 1}' for i in range(len(scores) - 1)]
+    return table(
+        ['propellers', 'flights', *(f'named first: {rotors[0]}', *rotors[1:]), 'several',
+         'none', 'mean probability of each rotor in the air, of a disturbance'], lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Identify, replay and print; return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog='python -m benchmarks.detection.real_flights', description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog='clones: ' + ', '.join(data.source for data in SETS.values()))
+    add = parser.add_argument
+    add('folder', type=Path, help='has the clones')
+    add('--sets', nargs='+', default=[*SETS], choices=SETS, metavar='NAME')
+    add('--no-losses', action='store_true', help='take no rotor from the recorded motion')
+    add('--jobs', type=int, help='processes')
+    add('--out', type=Path, default=Path('out/real_flights'), metavar='DIR')
+    options = parser.parse_args(argv)
+    with ProcessPoolExecutor(options.jobs) as pool:
+        found = {
+            name: flown(name, options.folder, options.out, pool, not options.no_losses)
+            for name in options.sets}
+    text = in_the_air(found)
+    for flights in found.values():
+        if set(flights) - set(SOUND):
+            text += '\n' + on_propellers(flights)
+    (options.out / 'real_flights.md').write_text(text, encoding='utf-8')
+    print(text)
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
