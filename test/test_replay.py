@@ -12,8 +12,10 @@ from ca_ros.__main__ import main
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.replay import Naming, motion_of, replay, without_rotor
+from ca_ros.settings import ParameterError
 from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.studies.cases import Case
+from ca_ros.vehicle.files import find
 from ca_ros.vehicle.formats.recording import Recording
 from ca_ros.vehicle.state import rotation_matrix
 
@@ -121,6 +123,29 @@ def test_what_cannot_be_replayed_is_refused(tmp_path, capsys):
              gyro=np.zeros((301, 3)))
     assert main(['replay', str(tmp_path / 'flight.npz'), 'hexarotor']) == 1
     assert 'expected a velocity, or a specific force' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('line', 'answer'), [
+    ('motor_time_constnt: 0.05', 'detector.motor_time_constnt: no such parameter (did you mean '
+     'detector.motor_time_constant?)'),
+    ('false_alarms: 0.1', 'detector.false_alarms: no such parameter or value any more'),
+])
+def test_settings_are_checked_as_by_the_monitor(line, answer, tmp_path, capsys):
+    flight, vehicle = tmp_path / 'flight.csv', tmp_path / 'vehicle.yaml'
+    recorded()[2].write_csv(flight)
+    text = find('hexarotor_realistic').read_text()
+    vehicle.write_text(text.replace('detector:', f'detector:\n      {line}'))
+    assert main(['replay', str(flight), str(vehicle)]) == 1
+    assert answer in capsys.readouterr().err
+    with pytest.raises(ParameterError, match=re.escape(answer)):
+        recordings.main([str(flight), str(vehicle)])
+
+
+@pytest.mark.parametrize(('vehicle', 'warned'), [('hexarotor', 1), ('hexarotor_realistic', 0)])
+def test_a_lag_that_is_not_given_is_warned_of(vehicle, warned, tmp_path, capsys):
+    recorded()[2].write_csv(tmp_path / 'flight.csv')
+    assert main(['replay', str(tmp_path / 'flight.csv'), vehicle]) == 0
+    assert capsys.readouterr().err.count('detector.motor_time_constant: taken as 0') == warned
 
 
 def test_many_flights_give_a_row_of_the_page(tmp_path, capsys):

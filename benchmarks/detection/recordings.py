@@ -18,8 +18,7 @@ from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.detection.lag_check import LagCheck
 from ca_ros.detection.replay import WAIT, Motion, Naming, Replay, motion_of, replay, without_rotor
-from ca_ros.settings import read
-from ca_ros.vehicle.files import read as read_file
+from ca_ros.studies.replay import settings_of
 from ca_ros.vehicle.formats.recording import Recording, read_recording
 from ca_ros.vehicle.identification import speeds_of
 from ca_ros.vehicle.vehicle import Vehicle
@@ -112,9 +111,7 @@ def through_detector(
 ) -> Replayed:
     """Replay a flight; with a seed each rotor is also taken from it twice."""
     vehicle = Vehicle.load(vehicle_file)
-    given = read_file(vehicle_file)
-    ours = {name: value for name, value in given.items() if name.startswith('detector.')}
-    settings = read(DetectorSettings, ours, 'detector.')
+    settings = settings_of(vehicle_file)
     recording = speeds_of(vehicle, read_recording(file, vehicle.n, frame), throttle)
     motion = motion_of(vehicle, recording)
     found = replay(vehicle, recording, settings, motion, make_detector)

@@ -19,6 +19,10 @@ from ca_ros.settings import settings_of
 from ca_ros.vehicle.validation import ABSURD
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
+NO_LAG = (
+    'motor_time_constant: taken as 0; motors with a lag make false alarms. Give the lag [s], or 0 '
+    'if there is none')
+
 
 def settings_with_lag(
     settings: DetectorSettings | None, given: Mapping[str, Any]
@@ -26,8 +30,7 @@ def settings_with_lag(
     """Return the settings of a detector; warn the caller of the caller if they have no lag."""
     found = settings_of(FailureDetector, DetectorSettings, settings, given)
     if not (settings or 'motor_time_constant' in given):
-        warn('motor_time_constant: taken as 0; motors with a lag make false alarms. Give the lag '
-             '[s], or 0 if there is none', RuntimeWarning, stacklevel=3)
+        warn(NO_LAG, RuntimeWarning, stacklevel=3)
     return found
 
 

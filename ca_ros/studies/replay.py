@@ -1,6 +1,7 @@
 """``ca_ros replay``: what the detector would have named in a recorded flight."""
 
 import argparse
+import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,10 @@ import numpy as np
 
 from ca_ros.arguments import add_recording, command
 from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.failure_detector import NO_LAG
 from ca_ros.detection.replay import WAIT, Replay, motion_of, replay, without_rotor
-from ca_ros.settings import ParameterError, read
+from ca_ros.parameter_files import MonitorSettings, load_for
+from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import read as read_file
 from ca_ros.vehicle.formats.recording import read_recording
 from ca_ros.vehicle.vehicle import Vehicle
@@ -36,7 +39,7 @@ def run(options: argparse.Namespace) -> None:
     from ca_ros.vehicle.identification import speeds_of
 
     vehicle = Vehicle.load(options.vehicle)
-    settings = read(DetectorSettings, read_file(options.vehicle), 'detector.')
+    settings = settings_of(options.vehicle)
     losses = [_loss(text, vehicle.n) for text in options.inject]
     recording = speeds_of(
         vehicle, read_recording(options.flight, vehicle.n, options.frame), options.throttle)
@@ -49,6 +52,17 @@ def run(options: argparse.Namespace) -> None:
     if options.figure is not None:
         _draw(found, options.figure)
         print(f'written: {options.figure}')
+
+
+def settings_of(vehicle: str | Path) -> DetectorSettings:
+    """Return the settings of the detector in the file of a vehicle, checked as the monitor does.
+
+    Warns if there is no lag of the motors.
+    """
+    settings = load_for(MonitorSettings, vehicle).detector
+    if 'detector.motor_time_constant' not in read_file(vehicle):
+        print(f'ca_ros replay: warning: detector.{NO_LAG}', file=sys.stderr)
+    return settings
 
 
 def _loss(text: str, rotors: int) -> tuple[int, float]:
