@@ -105,6 +105,27 @@ def test_an_arm_is_named_until_it_shows_which_rotor_has_failed(vehicle, rotor, a
     np.testing.assert_array_equal(engines[0].health, lost)
 
 
+def test_whoever_announces_one_rotor_of_an_arm_tells_which_one_has_failed():
+    case = Case.load('x8', REALISTIC)
+    flight, _ = flown(case, {2.0: without(8, rotor_1=0.0)}, 2.1)
+    engines = both_engines(case.vehicle, case.flown.detector)
+    for time, *state, speeds in rows_of(flight):
+        answers(engines, 'observe', time, *state)
+        answers(engines, 'command', time, speeds)
+    for each in engines:
+        assert each.failed_arms == ((1, 2),)
+        each.announce(without(8, rotor_1=0.0))
+        np.testing.assert_array_equal(each.health, without(8, rotor_1=0.0))
+        assert (each.failed_arms, each.since[1]) == ((), None)
+    assert_equal(engines)
+
+
+@pytest.mark.parametrize(('delay', 'milliseconds'), [(0.004, 84), (0.0045, 85), (0.0055, 86)])
+def test_half_a_millisecond_of_settling_is_rounded_up(delay, milliseconds):
+    detector = FailureDetector(HEXAROTOR, replace(SETTINGS, motor_time_constant=0.02, delay=delay))
+    assert detector.settling == milliseconds * 1_000_000
+
+
 def test_an_accelerometer_shows_a_loss_and_a_push():
     # Off the centre of mass, at a place that is told.  A wrong one refuses nothing.
     case, place = Case.load('hexarotor', REALISTIC[:-2]), np.array([0.05, -0.02, 0.01])

@@ -160,7 +160,7 @@ SHARED = {
         **{name: getattr(pairs, name) for name in ('LEAST_LOSS', 'MOST_LOSS', 'PAIRED')},
         'CONTACT': disturbances.CONTACT, 'LIMIT': losses.LIMIT, 'PRIOR': losses.PRIOR,
         **{name: getattr(motion_test, name) for name in (
-            'CONFIRMATIONS', 'RECENT', 'TOTAL', 'SUSPICION', 'PATIENCE', 'ACQUAINTED',
+            'CONFIRMATIONS', 'RECENT', 'TOLD', 'TOTAL', 'SUSPICION', 'PATIENCE', 'ACQUAINTED',
             'SETTLING')},
         **{name: getattr(rotor_beliefs, name) for name in (
             'REFINED', 'USELESS', 'IN_A_ROW', 'CERTAIN')},

@@ -34,12 +34,29 @@ ACTING = 'acting'
 
 @dataclass(frozen=True)
 class Flown:
-    """How a flight ended: whether it goes on, and its greatest tilt [rad] and drop [m]."""
+    """How a flight ended: whether it goes on, and its greatest tilt [rad] and drop [m].
+
+    - `rotor`: that fails
+    - `named`: the rotors that the detector named first
+    - `without`: the rotors that lack health in the end
+    """
 
     flies: bool
     tilt: float
     drop: float
+    rotor: int
     named: tuple[int, ...]
+    without: tuple[int, ...]
+
+    @property
+    def arm(self) -> bool:
+        """Two rotors were named first."""
+        return len(self.named) == 2
+
+    @property
+    def told(self) -> bool:
+        """Of an arm, one rotor is said to have failed in the end."""
+        return self.arm and len(self.without) == 1
 
 
 class Allocation:
@@ -76,6 +93,7 @@ def flown(setup: Setup, condition: Condition, way: str, seed: int) -> Flown:
     plant = Plant(setup.model, truth, mission, int(rng.integers(2**63)))
     allocation, lost = Allocation(vehicle), np.ones(vehicle.n)
     named: tuple[int, ...] = ()
+    without: tuple[int, ...] = ()
     lost[rotor] = 0.0
     detector: Any = setup.detector(truth) if way == 'detected' else None
     rows, failed = [], -1
@@ -86,7 +104,8 @@ def flown(setup: Setup, condition: Condition, way: str, seed: int) -> Flown:
         if detector is not None:
             if observe(setup, detector, row):
                 allocation.tell(detector.health, detector.failed_arms)
-                named = named or tuple(np.flatnonzero(detector.health < 1.0).tolist())
+                without = tuple(np.flatnonzero(detector.health < 1.0).tolist())
+                named = named or without
         elif failed >= 0:
             since = round((i - failed) * PERIOD, 6)
             told = since == 0.0 if way.startswith('false') else since == ANNOUNCED
@@ -107,7 +126,7 @@ def flown(setup: Setup, condition: Condition, way: str, seed: int) -> Flown:
     drop = float(states[begin, 2] - states[begin:, 2].min())
     climb = states[last:, 5].mean()
     flies = bool(tilt[last:].max() < TILT and climb > CLIMB and drop < DROP)
-    return Flown(flies, float(tilt[begin:].max()), drop, named)
+    return Flown(flies, float(tilt[begin:].max()), drop, rotor, named, without)
 
 
 @dataclass

@@ -96,16 +96,20 @@ def names(found: Mapping[tuple[str, ...], Sequence[Outcome]], labels: Sequence[s
 
 
 def goes_on(found: Mapping[tuple[str, ...], Sequence[Flown]], ways: Sequence[str]) -> str:
-    """Return the table of flights that go on; keys have vehicle, condition, way."""
+    """Return the table of flights that go on; keys have vehicle, condition, way.
+
+    *Arms* counts those that the detector names, those of which it tells the rotor, and how often
+    this is the sound one.
+    """
     rows = []
     for vehicle, name in dict.fromkeys(key[:2] for key in found):
         flights = [found[vehicle, name, way] for way in ways]
         rows.append([
             f'`{vehicle}`', name,
             *(share(sum(each.flies for each in own), len(own)) for own in flights),
-            *(_spread(own) for own in flights),
+            _arms(found[vehicle, name, 'detected']), *(_spread(own) for own in flights),
         ])
-    head = ['vehicle', 'condition', *(f'{way}: fly on [%]' for way in ways),
+    head = ['vehicle', 'condition', *(f'{way}: fly on [%]' for way in ways), 'arms, told, wrong',
             *(f'{way}: tilt, drop' for way in ways)]
     return table(head, rows)
 
@@ -120,6 +124,12 @@ def acted(found: Mapping[tuple[str, ...], Acted]) -> str:
     head = ['vehicle', 'condition', 'names an hour', 'seconds an hour without a sound rotor',
             'turned over', 'hours']
     return table(head, rows)
+
+
+def _arms(flights: Sequence[Flown]) -> str:
+    told = [each for each in flights if each.told]
+    wrong = sum(each.rotor not in each.without for each in told)
+    return f'{sum(each.arm for each in flights)}, {len(told)}, {wrong}'
 
 
 def _spread(flights: Sequence[Flown]) -> str:

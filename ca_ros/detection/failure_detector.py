@@ -215,8 +215,14 @@ class FailureDetector:
         - `health` (n,)
         - `stuck`: the servos that stick: by rotor, from 1, the angle [rad]
         """
-        before = self.vehicle.servos
-        changed = self._beliefs.announce(self.vehicle.with_health(health, stuck=stuck or {}))
+        before, vehicle = self.vehicle.servos, self.vehicle.with_health(health, stuck=stuck or {})
+        less, told = vehicle.health < self._beliefs.delivered, False
+        for pair in list(self._beliefs.arms):
+            # Whoever announces one rotor of an arm tells which one has failed.
+            if less[pair[0]] != less[pair[1]]:
+                self._motion.tell_arm(*(pair if less[pair[0]] else pair[::-1]))
+                told = True
+        changed = self._beliefs.announce(vehicle) or told
         after = self.vehicle.servos
         moved = (after.lower != before.lower) | (after.upper != before.upper)
         if moved.any():

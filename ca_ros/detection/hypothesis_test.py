@@ -31,7 +31,7 @@ keeps its drag, and one without a propeller loses it."""
 ODDS = 5.3
 """Lead of the evidence over that of each other rotor: the odds of a probability of 0.995."""
 
-TELLING = 5.3
+TELLING = 6.5
 """Evidence for one rotor of a named arm against the other one."""
 
 MARGIN = 4.0

@@ -25,6 +25,10 @@ TOTAL = 0.8
 """Greatest loss of a rotor that is not lost when it is named: one that keeps less would be given
 commands so low that its health cannot be estimated further."""
 
+TOLD = 1_000_000_000
+"""Time after its name in which it may show which rotor of an arm has failed [ns].  Later, what
+this rotor lacks has been learnt as a mean disturbance, and points to the other one."""
+
 SUSPICION, PATIENCE = 6.0, 1.0
 """Evidence from which the noise is not learnt, and for how long at most [s]."""
 
@@ -69,15 +73,13 @@ class MotionTest:
         lag = max(s.motor_time_constant, s.servo_time_constant)
         # Time until failures are tested; above ACQUAINTED, the speeds of the motors are unknown.
         # It is in whole milliseconds, so that single precision does not change it.
-        self.settling = 1_000_000 * round(1e3 * (SETTLING * lag + s.delay))
+        self.settling = 1_000_000 * int(1e3 * (SETTLING * lag + s.delay) + 0.5)
         self._blind, self._commanded = ACQUAINTED + self.settling, False
         self.reset()
 
     def reset(self) -> None:
         """Forget what was learnt of the noise."""
         self.follow_servos()
-        self.probabilities: Array = NOBODY
-        self.suspect: int | None = None
         self.margin = 0.0
         self.usual.reset()
         self._blind = max(self._blind, ACQUAINTED)
@@ -94,10 +96,15 @@ class MotionTest:
         """Begin a flight: the windows reach back to now."""
         self.usual.begin()
         self._learnt = self._motion
-        self._waited = 0.0
+        self._windows, self._peaks = Windows(self.rotors.columns), np.zeros(self._n)
+        self._clear_suspicion()
+
+    def _clear_suspicion(self) -> None:
+        """Suspect nothing."""
+        self._waited, self._count = 0.0, 0
         self._named: tuple[tuple[int, ...], tuple[tuple[int, int], ...]] = (), ()
-        self._count, self._windows = 0, Windows(self.rotors.columns)
-        self._leads, self._peaks = np.zeros(self._n), np.zeros(self._n)
+        self._leads, self.probabilities = np.zeros(self._n), NOBODY
+        self.suspect: int | None = None
 
     def forget(self, before: int | None = None) -> None:
         """Forget the motion, or that before a window, and what rotors have gathered."""
@@ -185,12 +192,10 @@ class MotionTest:
         spread = usual.spread(windows.ages, self._measured)
         failed = beliefs.age(block)
         seen = 0.5 * max((windows.lacked**2 / spread).dot(ALL).tolist())
-        quiet = not failed and not beliefs.arms and seen <= SUSPICION
+        quiet = not failed and seen <= SUSPICION
         if quiet or self._blind:
             # No evidence exceeds what is seen.
-            self._waited, self._count, self._named, self.suspect = 0.0, 0, ((), ()), None
-            self._leads = np.zeros(self._n)
-            self.probabilities = NOBODY
+            self._clear_suspicion()
             self._learn(spread, moving, given)
             return False
         impulses, changes = windows.rotors()
@@ -206,9 +211,9 @@ class MotionTest:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
             self.forget()
             return False
-        suspected = found.greatest > SUSPICION or bool(failed or beliefs.arms)
+        suspected = found.greatest > SUSPICION or bool(failed)
         changed = self._refine(found, failed)
-        changed = self._tell_arms(impulses, variance) or changed
+        changed = self._tell_arms(time, impulses, variance) or changed
         self._waited = self._waited + block if suspected else 0.0
         self.margin = float(found.evidence[found.rotor]) - found.disturbance
         self.suspect = found.rotor if found.evidence[found.rotor] > LIMIT else None
@@ -282,15 +287,18 @@ class MotionTest:
         self.beliefs.stick(rotor, angle)
         self.follow_servos()
 
-    def _tell_arms(self, impulses: Array, variance: Array) -> bool:
-        """Tell which rotors of named arms have failed, where it shows; return whether it does."""
+    def _tell_arms(self, time: int, impulses: Array, variance: Array) -> bool:
+        """Tell which rotors of new arms have failed, where it shows; return whether it does."""
         windows, arms, told = self._windows, self.beliefs.arms, []
-        if not arms:
+        new = [pair for pair in arms if time - (self.beliefs.since[pair[0]] or 0) < TOLD]
+        if not new:
             return False
         evidences = self.hypotheses.of_arms(
             windows.lacked, impulses, windows.lateral, variance, list(arms),
             np.array([self.beliefs.lost(rotor) for rotor, _ in arms]))
         for (pair, count), evidence in zip(arms.items(), evidences.tolist(), strict=True):
+            if pair not in new:
+                continue
             sign = int(evidence > TELLING) - int(evidence < -TELLING)
             arms[pair] = sign + count if sign * count > 0 else sign
             if abs(arms[pair]) >= IN_A_ROW:
@@ -303,6 +311,7 @@ class MotionTest:
         """Let one rotor of a named arm have failed, and the other one be sound."""
         lost = self.beliefs.lost(failed)
         self.beliefs.tell_arm(failed, sound)
+        self.probabilities = np.where(np.arange(self._n + 1) == sound, 0.0, self.probabilities)
         self._reduce(failed, lost)
         self._reduce(sound, -lost)
 

@@ -13,6 +13,7 @@
 #define REFINED CA_REAL(0.5)
 #define USELESS CA_REAL(0.2)
 #define TOTAL CA_REAL(0.8)
+#define TOLD 1000000000
 #define CERTAIN CA_REAL(0.995)
 #define SUSPICION CA_REAL(6.0)
 #define PATIENCE CA_REAL(1.0)
@@ -33,7 +34,7 @@
 #define DRAG_LOST CA_REAL(0.5)
 #define LIMIT CA_REAL(20.0)
 #define ODDS CA_REAL(5.3)
-#define TELLING CA_REAL(5.3)
+#define TELLING CA_REAL(6.5)
 #define MARGIN CA_REAL(4.0)
 #define CONTACT CA_REAL(4.0)
 #define LASTING CA_REAL(4.0)
@@ -723,13 +724,25 @@ static void blind(ca_detector *detector)
     detector->blind = ACQUAINTED + (int64_t)(1000 * settling + CA_REAL(0.5)) * 1000000;
 }
 
+/* Suspect nothing. */
+static void clear_suspicion(ca_detector *detector)
+{
+    memset(detector->leads, 0, sizeof detector->leads);
+    detector->waited = 0;
+    detector->count = detector->names = 0;
+    detector->suspect = -1;
+    detector->probabilities[ROTORS(detector->model)] = 0;
+    for (int i = 0; i < ROTORS(detector->model); i++)
+        if (detector->sound[i])
+            detector->probabilities[i] = 0;
+}
+
 /* Begin a flight: the windows reach back to now. */
 static void begin(ca_detector *detector)
 {
-    detector->flown = detector->waited = detector->unlearnt = 0;
-    detector->names = detector->count = 0;
+    clear_suspicion(detector);
+    detector->flown = detector->unlearnt = 0;
     ca_copy(6, detector->motion, detector->learnt);
-    memset(detector->leads, 0, sizeof detector->leads);
     memset(detector->thrusts, 0, sizeof detector->thrusts);
     memset(detector->peaks, 0, sizeof detector->peaks);
     memset(&detector->sums, 0, sizeof detector->sums);
@@ -819,8 +832,8 @@ static void tell(ca_detector *detector, int failed, int sound)
     detector->probabilities[sound] = 0;
 }
 
-/* Tell which rotor of a named arm has failed, where it shows; return whether the health changes. */
-static int tell_arms(ca_detector *detector, const ca_block *windows,
+/* Tell which rotor of a new arm has failed, where it shows; return whether the health changes. */
+static int tell_arms(ca_detector *detector, int64_t time, const ca_block *windows,
                      const ca_real variance[CA_WINDOWS][6])
 {
     int changed = 0;
@@ -830,7 +843,7 @@ static int tell_arms(ca_detector *detector, const ca_block *windows,
     for (int i = 0; i < ROTORS(detector->model); i++) {
         const int partner = partner_of(detector->model, i), count = detector->upper[i];
         const int upper = evidence[i] > TELLING, lower = evidence[i] < -TELLING;
-        if (!detector->arm[i] || partner < i)
+        if (!detector->arm[i] || partner < i || time - detector->since[i] >= TOLD)
             continue;
         detector->upper[i] = upper ? most(count, 0) + 1 : lower ? -most(-count, 0) - 1 : 0;
         if (detector->upper[i] < IN_A_ROW && -detector->upper[i] < IN_A_ROW)
@@ -964,19 +977,6 @@ static void set_probabilities(ca_detector *detector, const finding *found, ca_re
             detector->probabilities[i] = (1 - settled(score - found->evidence[i])) / total;
 }
 
-/* Count a test without a suspicion. */
-static void clear_suspicion(ca_detector *detector)
-{
-    memset(detector->leads, 0, sizeof detector->leads);
-    detector->waited = 0;
-    detector->count = detector->names = 0;
-    detector->suspect = -1;
-    detector->probabilities[ROTORS(detector->model)] = 0;
-    for (int i = 0; i < ROTORS(detector->model); i++)
-        if (detector->sound[i])
-            detector->probabilities[i] = 0;
-}
-
 /* Whether the same rotors, and no others, were named in enough tests of a suspicion. */
 static int confirmed(ca_detector *detector, const finding *found)
 {
@@ -1022,12 +1022,11 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         return 0;
     }
     sum_windows(detector, windows);
-    int refining = 0, telling = 0, young[CA_N];
+    int refining = 0, young[CA_N];
     for (int i = 0; i < n; i++) {
         young[i] = detector->refined[i] < REFINED;
         detector->refined[i] += block;
         refining |= young[i];
-        telling |= detector->arm[i];
     }
     for (int t = 0; t < CA_WINDOWS; t++) {
         ca_real sum = 0;
@@ -1044,7 +1043,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         }
         greatest = ca_max(greatest, CA_REAL(0.5) * sum);
     }
-    if (detector->blind > 0 || (!refining && !telling && greatest <= SUSPICION)) {
+    if (detector->blind > 0 || (!refining && greatest <= SUSPICION)) {
         /* No score exceeds this sum. */
         clear_suspicion(detector);
         learn(detector, block, spread, windows, thrusts, moving);
@@ -1053,16 +1052,17 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     add_model_errors(detector, windows, variance);
     test(detector, windows, block, (const ca_real(*)[6])variance, &found);
     ca_copy(n, found.leads, detector->leads);
-    const ca_real score = ca_max(found.evidence[found.rotor], found.disturbance);
+    ca_real score = found.disturbance;
+    for (int i = 0; i < n; i++)
+        score = ca_max(score, found.evidence[i]);
     if (score > SUSPICION && !moving) {
         /* A lost rotor turns the vehicle over; this one stands, and the ground carries it. */
         forget(detector, 0);
         return 0;
     }
     int changed = refine(detector, &found, young);
-    if (telling)
-        changed |= tell_arms(detector, windows, (const ca_real(*)[6])variance);
-    detector->waited = score > SUSPICION || refining || telling ? detector->waited + block : 0;
+    changed |= tell_arms(detector, time, windows, (const ca_real(*)[6])variance);
+    detector->waited = score > SUSPICION || refining ? detector->waited + block : 0;
     detector->suspect = found.evidence[found.rotor] > LIMIT ? found.rotor : -1;
     learn(detector, block, spread, windows, thrusts, moving);
     set_probabilities(detector, &found, score);
@@ -1106,8 +1106,6 @@ void ca_detector_reset(ca_detector *detector)
         detector->refined[i] = CA_UNBOUNDED;
         detector->arm[i] = 0;
     }
-    detector->probabilities[ROTORS(model)] = 0;
-    detector->suspect = -1;
     for (int t = 0; t < CA_WINDOWS; t++)
         for (int h = 0; h < 2; h++)
             ca_copy(6, model->noise, detector->variance[h][t]);
@@ -1138,6 +1136,15 @@ int ca_detector_announce(ca_detector *detector, const ca_real *health)
     if (!within(ROTORS(detector->model), health, 0, 1))
         return -1;
     int changed = 0;
+    for (int i = 0; i < ROTORS(detector->model); i++) {
+        /* Whoever announces one rotor of an arm tells which one has failed. */
+        const int partner = partner_of(detector->model, i);
+        if (detector->arm[i] && health[i] < detector->health[i] &&
+            health[partner] >= detector->health[partner]) {
+            tell(detector, i, partner);
+            changed = 1;
+        }
+    }
     for (int i = 0; i < ROTORS(detector->model); i++) {
         const ca_real before = detector->health[i];
         detector->announced[i] = health[i];
