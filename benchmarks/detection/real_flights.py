@@ -29,7 +29,7 @@ CARRIED = 0.5  # least sum of squared commands in flight, over its 90 % quantile
 
 
 def converted(data: DataSet, names: Sequence[Path], folder: Path) -> dict[Path, Path]:
-    """Write flights as `ca_ros replay` reads them, once; return the files by name.
+    """Write flights as `ca_ros replay` reads them; return the files by name.
 
     Copies of a flight, and what cannot be used, are left out.
     """
@@ -38,18 +38,16 @@ def converted(data: DataSet, names: Sequence[Path], folder: Path) -> dict[Path, 
     for file in names:
         target = folder / f'{file.parent.name}__{file.stem}.npz'
         try:
-            if not target.exists():
-                streams: dict[str, Any] = data.read(file)
-                np.savez_compressed(target, **streams)
+            streams: dict[str, Any] = data.read(file)
         except (OSError, ValueError) as error:
             print(f'{folder.name}: {file.name} is left out: {error}', file=sys.stderr)
             continue
-        with np.load(target) as streams:
-            motion = streams['gyro'].tobytes()
+        motion = streams['gyro'].tobytes()
         if motion in seen:
             print(f'{folder.name}: {file.name} is left out: a copy', file=sys.stderr)
             continue
         seen.add(motion)
+        np.savez_compressed(target, **streams)
         found[file] = target
     return found
 
