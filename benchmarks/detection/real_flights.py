@@ -20,7 +20,7 @@ from benchmarks.detection.tables import rate, share, table
 from ca_ros.studies.identify import report
 from ca_ros.vehicle.formats.edited_yaml import with_values
 from ca_ros.vehicle.formats.recording import read_recording
-from ca_ros.vehicle.identification import SURE_R2, identify, speeds_of
+from ca_ros.vehicle.identification import SURE_R2, Identification, identify, speeds_of
 from ca_ros.vehicle.vehicle import Vehicle
 
 AIR_MIN = 2.0  # a file with less time in the air is no flight [s]
@@ -63,32 +63,45 @@ def thrust_coefficient(data: DataSet, known: Sequence[Path]) -> float:
     return data.vehicle.weight / float(np.concatenate(squares).mean())
 
 
+def guessed(data: DataSet, known: Sequence[Path], folder: Path, like: Path | None = None) -> Path:
+    """Write the first guess of a vehicle, or that of another file, and return its file.
+
+    Its thrust coefficient carries the weight in flight.
+    """
+    target = folder / 'guess.yaml'
+    if like is None:
+        data.vehicle.save(target)
+    text = (like or target).read_text(encoding='utf-8')
+    thrust = thrust_coefficient(data, known)
+    torque = thrust * (data.vehicle.torque_coefficient / data.vehicle.thrust_coefficient)[0]
+    text = with_values(text, {
+        'rotors.thrust_coefficient': thrust, 'rotors.torque_coefficient': float(torque)})
+    target.write_text(text, encoding='utf-8')
+    return target
+
+
+def identification(data: DataSet, known: Sequence[Path], guess: Path) -> Identification:
+    """Return what `ca_ros identify` finds from some flights."""
+    vehicle = Vehicle.load(guess)
+    return identify(vehicle, [
+        speeds_of(vehicle, read_recording(file, vehicle.n), data.throttle) for file in known])
+
+
 def identified(data: DataSet, known: Sequence[Path], folder: Path) -> Path:
     """Write what `ca_ros identify` finds to a vehicle's file, beside its report; return the file.
 
     Lag and delay are written also where only their intervals are too wide: both together are
     known better.
     """
-    target = folder / 'vehicle.yaml'
-    if data.like:
-        text = (folder.parent / data.like / 'vehicle.yaml').read_text(encoding='utf-8')
-    else:
-        data.vehicle.save(target)
-        text = target.read_text(encoding='utf-8')
-    thrust = thrust_coefficient(data, known)
-    torque = thrust * (data.vehicle.torque_coefficient / data.vehicle.thrust_coefficient)[0]
-    text = with_values(text, {
-        'rotors.thrust_coefficient': thrust, 'rotors.torque_coefficient': float(torque)})
-    target.write_text(text, encoding='utf-8')
-    vehicle = Vehicle.load(target)
-    flights = [
-        speeds_of(vehicle, read_recording(file, vehicle.n), data.throttle) for file in known]
-    found = identify(vehicle, flights)
+    target, like = folder / 'vehicle.yaml', folder.parent / data.like / 'vehicle.yaml'
+    guess = guessed(data, known, folder, like if data.like else None)
+    found = identification(data, known, guess)
     values = dict(found.parameters)
     if found.lag.r2 > SURE_R2:
         values |= {'detector.motor_time_constant': round(found.lag.value, 5),
                    'detector.delay': round(found.delay.value, 5)}
-    target.write_text(with_values(text, values), encoding='utf-8')
+    target.write_text(
+        with_values(guess.read_text(encoding='utf-8'), values), encoding='utf-8')
     (folder / 'identify.txt').write_text('\n'.join(report(found)) + '\n', encoding='utf-8')
     return target
 
