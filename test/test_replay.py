@@ -125,6 +125,21 @@ def test_what_cannot_be_replayed_is_refused(tmp_path, capsys):
     assert 'expected a velocity, or a specific force' in capsys.readouterr().err
 
 
+def test_a_loss_that_cannot_be_named_in_time_says_why(tmp_path, capsys):
+    flight = tmp_path / 'flight.csv'
+    recorded()[2].write_csv(flight)
+    command = ['replay', str(flight), 'hexarotor_realistic', '--inject']
+    for text in ('2@1000', '2@5'):
+        assert main([*command, text]) == 1
+        assert f'--inject {text}: expected a time before the end, ' in capsys.readouterr().err
+    main([*command, '2@0', '--inject', '2@3.5', '--inject', '2@4.98'])
+    early, tested, late = capsys.readouterr().out.splitlines()[-3:]
+    assert re.fullmatch('rotor 2 taken at 0 s: .*; nothing is tested before 1.[23]. s', early)
+    assert re.fullmatch('rotor 2 taken at 3.5 s: rotor 2 named after .. ms', tested)
+    assert re.fullmatch(
+        'rotor 2 taken at 4.98 s: not named within 0.0[12] s; then nothing is recorded', late)
+
+
 @pytest.mark.parametrize(('line', 'answer'), [
     ('motor_time_constnt: 0.05', 'detector.motor_time_constnt: no such parameter (did you mean '
      'detector.motor_time_constant?)'),

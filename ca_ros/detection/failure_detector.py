@@ -123,6 +123,11 @@ class FailureDetector:
         return self._motion.observer.standing
 
     @property
+    def testing(self) -> bool:
+        """Whether losses are tested: in the air, with the speeds of the motors known."""
+        return not (self.standing or self._motion._blind)
+
+    @property
     def settling(self) -> int:
         """Time from the first command after which the speeds of the motors are known [ns]."""
         return self._motion.settling

@@ -56,6 +56,7 @@ class Replay:
 
     - `notes`: what is not recorded, and what took its place
     - `flying` (K,): whether the vehicle is off the ground
+    - `tested` (K,): see `FailureDetector.testing`
     """
 
     times: Array
@@ -63,6 +64,7 @@ class Replay:
     named: list[Naming]
     notes: list[str]
     flying: Array
+    tested: Array
 
     @property
     def in_air(self) -> float:
@@ -148,7 +150,8 @@ def replay(
     """Replay a recording, whose commands are rotor speeds [rad/s]; after a name, reset.
 
     - `motion`: by default `motion_of` the recording
-    - `make`: makes the detector; with `make_detector` it is quicker, and margins are not known
+    - `make`: makes the detector; with `make_detector` it is quicker, and neither margins nor what
+      is tested are known
     """
     motion = motion_of(vehicle, recording) if motion is None else motion
     detector = make(vehicle, settings)
@@ -157,6 +160,7 @@ def replay(
     probabilities = np.zeros((len(motion.times), vehicle.n + 1))
     named: list[Naming] = []
     off_ground, flying = 0.0, np.zeros(len(motion.times), bool)
+    tested = np.zeros(len(motion.times), bool)
     for i, now in enumerate(motion.times):
         time = round(1e9 * (now - begin))
         force = None if motion.force is None else motion.force[i]
@@ -171,7 +175,7 @@ def replay(
                 replace(each, phase='landing') if now - begin - each.time < LANDING else each
                 for each in named]
         off_ground = 0.0 if detector.standing else off_ground + step
-        flying[i] = not detector.standing
+        flying[i], tested[i] = not detector.standing, getattr(detector, 'testing', False)
         probabilities[i] = detector.probabilities
         lost = np.flatnonzero(detector.health < vehicle.health)
         if changed and len(lost):
@@ -180,7 +184,7 @@ def replay(
                 float(now - begin), tuple(lost.tolist()), detector.failed_arms,
                 tuple(detector.health[lost].tolist()), getattr(detector, 'margin', np.nan), phase))
             detector.reset()
-    return Replay(motion.times - begin, probabilities, named, motion.notes, flying)
+    return Replay(motion.times - begin, probabilities, named, motion.notes, flying, tested)
 
 
 def without_rotor(

@@ -44,6 +44,11 @@ def run(options: argparse.Namespace) -> None:
     recording = speeds_of(
         vehicle, read_recording(options.flight, vehicle.n, options.frame), options.throttle)
     motion = motion_of(vehicle, recording)
+    end = motion.times[-1] - motion.times[0]
+    for rotor, time in losses:
+        if time >= end:
+            raise ParameterError(
+                f'--inject {rotor + 1}@{time:g}: expected a time before the end, {end:.2f} s')
     found = replay(vehicle, recording, settings, motion)
     print('\n'.join(report(recording.name, found)))
     for rotor, time in losses:
@@ -93,12 +98,20 @@ def report(name: str, found: Replay) -> list[str]:
 
 
 def _answer(rotor: int, time: float, found: Replay) -> str:
-    """Return in words what is named of an injected loss."""
-    what = f'rotor {rotor + 1} taken at {time:g} s'
+    """Return in words what is named of an injected loss, and what kept it from being tested."""
     after = [each for each in found.named if each.time >= time]
-    if not after:
-        return f'{what}: not named within {WAIT:g} s'
-    return f'{what}: rotor {after[0].words} named after {1e3 * (after[0].time - time):.0f} ms'
+    left = min(WAIT, max(0.0, found.times[-1] - time))
+    words = [f'not named within {left:.3g} s']
+    if after:
+        words = [f'rotor {after[0].words} named after {1e3 * (after[0].time - time):.0f} ms']
+    elif left < WAIT - 0.05:
+        words.append('then nothing is recorded')
+    i = int(np.searchsorted(found.times, time))
+    if not found.tested[i:i + 1].all():
+        later = found.times[i:][found.tested[i:]]
+        until = f'before {later[0]:.2f} s' if len(later) else 'in this time'
+        words.append(f'nothing is tested {until}')
+    return f'rotor {rotor + 1} taken at {time:g} s: {"; ".join(words)}'
 
 
 def _draw(found: Replay, file: Path) -> None:
