@@ -76,6 +76,11 @@ def test_extrapolated_commands_and_copies_are_left_out(tmp_path, capsys):
     assert 'B3.csv is left out: throttles from 0.61 to 29' in said
 
 
+def test_a_folder_without_flights_is_said(tmp_path, capsys):
+    assert real_flights.main([str(tmp_path / 'none'), '--out', str(tmp_path / 'out')]) == 1
+    assert capsys.readouterr().err.count('no flights in') == len(SETS)
+
+
 @pytest.mark.parametrize('name', SETS)
 def test_a_first_guess_hovers(name):
     vehicle = SETS[name].vehicle

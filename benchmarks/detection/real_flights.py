@@ -39,7 +39,7 @@ def converted(data: DataSet, names: Sequence[Path], folder: Path) -> dict[Path, 
         target = folder / f'{file.parent.name}__{file.stem}.npz'
         try:
             streams: dict[str, Any] = data.read(file)
-        except (OSError, ValueError) as error:
+        except (ImportError, OSError, ValueError) as error:
             print(f'{folder.name}: {file.name} is left out: {error}', file=sys.stderr)
             continue
         motion = streams['gyro'].tobytes()
@@ -112,14 +112,17 @@ def flown(
     """Identify and replay a set; return its flights by row of the table."""
     data = SETS[name]
     clone, folder = clones / data.folder, out / name
-    known = files(clone, data.known)
-    others = [file for file in files(clone, data.replayed) if file not in known]
+    named = files(clone, data.known), files(clone, data.replayed)
+    flights = converted(data, list(dict.fromkeys([*named[0], *named[1]])), folder)
+    known = [flights[file] for file in named[0] if file in flights]
+    others = [file for file in named[1] if file in flights and file not in named[0]]
     if not known or not others:
         print(f'{name}: no flights in {clone}', file=sys.stderr)
         return {}
-    flights = converted(data, [*known, *others], folder)
-    vehicle = identified(data, [flights[file] for file in known if file in flights], folder)
-    others = [file for file in others if file in flights]
+    if data.like and not (out / data.like / 'vehicle.yaml').exists():
+        print(f'{name}: identify {data.like} first', file=sys.stderr)
+        return {}
+    vehicle = identified(data, known, folder)
     rows = [data.row(file) for file in others]
     jobs = [
         pool.submit(through_detector, flights[file], vehicle, data.throttle, 'flu',
@@ -200,6 +203,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         found = {
             name: flown(name, options.folder, options.out, pool, not options.no_losses)
             for name in options.sets}
+    if not any(found.values()):
+        return 1
     text = in_the_air(found)
     for flights in found.values():
         if set(flights) - set(SOUND):
