@@ -8,7 +8,15 @@ import pytest
 
 from benchmarks.detection import own_plant, tables
 from benchmarks.detection.conditions import CALM, CONTACTS, FLOWN, LOSSES, NOTHING, Condition
-from benchmarks.detection.flights import Count, Outcome, Setup, landed, namings, rng_of
+from benchmarks.detection.flights import (
+    Count,
+    Outcome,
+    Setup,
+    failing,
+    landed,
+    namings,
+    rng_of,
+)
 from benchmarks.detection.plant import (
     DESCENDING,
     FAILURES,
@@ -243,6 +251,22 @@ def test_alarms_are_counted_once_a_landing_and_once_a_push():
     assert (count.alarms, count.pushes, count.push_alarms) == (3, 3, 1)
     assert (count + count).names == {(2,): 6}
     assert len(rows) * PERIOD == 60.0
+
+
+@pytest.mark.parametrize(('name', 'right'), [('hexarotor', 47), ('octorotor', 41)])
+def test_a_rotor_lost_soon_after_a_take_off_is_named_at_once(name, right):
+    # What the ground gives is no noise, and trim is not known before it has been flown.
+    setup = Setup.load(name)
+    found = failing(setup, 'landings', FLOWN['landings'], 'total', range(50))
+    assert sum(each.right and each.after <= 0.2 for each in found) >= right
+
+
+def test_both_engines_name_the_same_after_a_take_off():
+    each, other = (
+        failing(Setup.load('hexarotor', make=make), 'landings', FLOWN['landings'], 'total',
+                range(10))
+        for make in (make_detector, FailureDetector))
+    assert each == other
 
 
 def test_an_octorotor_flies_on_if_a_loss_is_announced_and_a_quadrotor_does_not():

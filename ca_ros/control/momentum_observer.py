@@ -124,6 +124,11 @@ class MomentumObserver:
         """Whether the vehicle stands."""
         return self.ground.standing
 
+    @property
+    def carried(self) -> bool:
+        """Whether the rotors carry the weight, or most of it."""
+        return bool(self._wrench[2] >= -self.ground.limits[0])
+
     def observe(self, time: int, motion: Array, impulse: Array | None = None) -> None:
         """Update the estimate with a new state.
 

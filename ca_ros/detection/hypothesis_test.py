@@ -37,7 +37,7 @@ TELLING = 6.5
 MARGIN = 4.0
 """Lead of the evidence over that of a disturbance."""
 
-NEAR = 2.83  # windows with less evidence than the best by this times its root are as likely
+NEAR = 0.5  # evidence of windows that show the share lost, over that of the best
 
 SEEN = 15.0  # evidence, in the longest window, of a weak rotor that leads for long
 
@@ -269,7 +269,7 @@ class HypothesisTest:
             clear = leads_all and servo.share >= LEAST_TURN
             name = _Name((rotor,), health[[rotor]], angle=servo.angle) if clear else _Name()
             return name, servo.window
-        likely = losses.evidence[:, rotor] >= best - NEAR * best**0.5
+        likely = losses.evidence[:, rotor] >= NEAR * best
         window = int(np.where(likely, losses.shares[:, rotor], -1.0).argmax())
         share = losses.shares[window, rotor]
         clear = share >= CLEAR_LOSS * health[rotor] and case.asked[window, rotor]

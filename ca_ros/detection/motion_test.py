@@ -121,7 +121,7 @@ class MotionTest:
         turn = ONE.copy()
         turn[:3, :3] = rotation_matrix(attitude)
         observer, usual = self.observer, self.usual
-        last, impulse = observer.time, None
+        last, impulse, own = observer.time, None, np.zeros((6, self._n))
         self._measured = force is not None
         if last is not None and 0 < time - last < GAP:
             given = self.rotors.given(last, time)
@@ -134,7 +134,9 @@ class MotionTest:
             moving = any(map(gt, abs(mean).tolist(), self.moving))
             if self._commanded:
                 self._blind = max(self._blind - (time - last), 0)
-            learnt = moving and self._blind <= ACQUAINTED and not self._suspicious
+            learnt = (
+                moving and self._blind <= ACQUAINTED and not self._suspicious
+                and not self._grounded)
             observer.gain = usual.gain() if learnt else 0.0
             if force is not None:
                 impulse = self._impulse((time - last) / 1e9, turned, motion, mean[3:], force)
@@ -147,13 +149,16 @@ class MotionTest:
             self._blind = ACQUAINTED + self.settling
         self._turn, self._motion = turn, motion
         step = observer.step
-        if observer.standing or self._blind > ACQUAINTED:
-            self._blind = self._blind if self._blind > ACQUAINTED else 0
+        if observer.standing or self._blind > ACQUAINTED or self._grounded:
+            if observer.standing and self._blind <= ACQUAINTED:
+                self._blind = 0
             self._begin()
+            if last is not None and 0 < time - last < GAP:
+                usual.rest((time - last) / 1e9, own)
             return False
         if not step:
             return False
-        usual.fly(step, own)
+        usual.flown += step
         lacked = observer.lacked.dot(turned)
         lateral = (observer.estimate.dot(turned) + drag)[:2]
         added = self._windows.add(step, lacked, lateral, given)
@@ -177,6 +182,11 @@ class MotionTest:
     @property
     def _suspicious(self) -> bool:
         return 0.0 < self._waited < PATIENCE
+
+    @property
+    def _grounded(self) -> bool:
+        """Whether a flight has not begun, since the rotors carry too little of the weight."""
+        return not self.usual.flown and not self.observer.carried
 
     def _test(self, time: int, moving: bool, given: Array) -> bool:
         """Test all windows that end now; return whether the health has changed."""

@@ -5,6 +5,7 @@ from math import expm1
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.control.momentum_observer import REST
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.hypothesis_test import THRUST_ERROR
 from ca_ros.detection.windows import BLOCK, WINDOWS, Windows
@@ -32,11 +33,11 @@ class UsualMotion:
 
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings) -> None:
         inertia, s = np.diag(inertia_of(vehicle)), settings
-        self._n = vehicle.n
         self._common = COMMON_ERROR * (s.motor_time_constant + s.delay)
         force = np.full(3, vehicle.mass * s.velocity_noise)
         self.force_noise = BLOCK * (vehicle.mass * s.specific_force_noise) ** 2
         self.noise = 2.0 * np.concatenate([force, inertia * s.angular_velocity_noise]) ** 2
+        self._given = np.zeros((6, vehicle.n))
         self.reset()
         self.begin()
 
@@ -48,7 +49,14 @@ class UsualMotion:
 
     def begin(self) -> None:
         """Begin a flight."""
-        self.flown, self._since, self._given = 0.0, 0.0, np.zeros((6, self._n))
+        self.flown, self._since = 0.0, 0.0
+
+    def rest(self, step: float, given: Array) -> None:
+        """Take a step [s] before the flight, with what the rotors gave (6, n) [N, N m].
+
+        This is usual in hover at rest, but not in a take-off, whose trim is not known.
+        """
+        self._given = self._given - expm1(-step / REST) * (given - self._given)
 
     @property
     def thrusts(self) -> Array:
@@ -72,12 +80,6 @@ class UsualMotion:
     def drag(self, motion: Array) -> Array:
         """Return the drag (6,) [N, N m] of a motion (6,), beyond that of the mean motion."""
         return self._drag * (motion - self._means[1])
-
-    def fly(self, step: float, given: Array) -> None:
-        """Take a step [s] of the flight, with what the rotors gave (6, n) [N, N m]."""
-        if not self.flown:
-            self._given = given
-        self.flown += step
 
     def due(self, step: float) -> bool:
         """Return whether it is time to learn, after a further step [s]."""
@@ -103,9 +105,8 @@ class UsualMotion:
         squares = np.minimum(windows.lacked**2, OUTLIER * spread)
         shares = np.array([-expm1(-age * self.gain(time)) for time in LEARNING])
         self._spreads = self._spreads + shares[:, None, None] * (squares - self._spreads)
-        share = shares[0]
+        self._given = self._given + shares[0] * (given - self._given)
         if motion is not None:
-            self._given = self._given + share * (given - self._given)
             lacked = windows.lacked[0] / age + steady + self.drag(motion)
             share = -expm1(-age / min(2.5 * LEARNING[0], self.flown))
             moved = np.array([lacked, motion]) - self._means

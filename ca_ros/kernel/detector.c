@@ -45,7 +45,7 @@
 #define PRIOR CA_REAL(6.25)
 #define PAIR_ODDS CA_REAL(1.0)
 #define PAIRED CA_REAL(0.1)
-#define NEAR CA_REAL(2.83)
+#define NEAR CA_REAL(0.5)
 #define LEARNING CA_REAL(2.0)
 #define LONG_LEARNING CA_REAL(20.0)
 #define RESTART INT64_C(2000000000)
@@ -597,10 +597,10 @@ static void name_now(const ca_detector *detector, const ca_block *windows,
             find_pair(detector, &windows[likeliest], variance[likeliest], bound, found);
         return;
     }
-    /* The greatest share of all windows that are about as likely. */
+    /* The greatest share of all windows that show it: longer ones began before the loss. */
     ca_real share = -1;
     for (int t = 0; t < CA_WINDOWS; t++)
-        if (evidence[t][rotor] >= best - NEAR * ca_sqrt(best) && shares[t][rotor] > share) {
+        if (evidence[t][rotor] >= NEAR * best && shares[t][rotor] > share) {
             share = shares[t][rotor];
             found->window = t;
         }
@@ -854,15 +854,9 @@ static int tell_arms(ca_detector *detector, int64_t time, const ca_block *window
     return changed;
 }
 
-/* Learn the drag about the mean motion, and the mean thrusts, from the shortest window. */
-static void learn_motion(ca_detector *detector, const ca_block *window, const ca_real *mean,
-                         const ca_real *thrusts)
+/* Learn the drag about the mean motion from the shortest window. */
+static void learn_motion(ca_detector *detector, const ca_block *window, const ca_real *mean)
 {
-    const ca_detector_model *model = detector->model;
-    const int n = ROTORS(model);
-    const ca_real quick = settled(window->length * learning_gain(detector, LEARNING));
-    for (int i = 0; i < n; i++)
-        detector->mean_thrusts[i] += quick * (thrusts[i] - detector->mean_thrusts[i]);
     const ca_real share =
         settled(window->length / ca_min(CA_REAL(2.5) * LEARNING, detector->flown));
     /* The mean disturbance in the body frame is no part of what the window lacks. */
@@ -908,8 +902,11 @@ static void learn(ca_detector *detector, ca_real block, ca_real spread[CA_WINDOW
                 *variance += share * (ca_min(square, OUTLIER * spread[t][k]) - *variance);
             }
     }
+    const ca_real quick = settled(windows->length * learning_gain(detector, LEARNING));
+    for (int i = 0; i < ROTORS(detector->model); i++)
+        detector->mean_thrusts[i] += quick * (thrusts[i] - detector->mean_thrusts[i]);
     if (moving)
-        learn_motion(detector, windows, mean, thrusts);
+        learn_motion(detector, windows, mean);
 }
 
 /* A window ends where its length is reached within half a block. */
@@ -1328,13 +1325,19 @@ static void set_step(ca_detector *detector, int64_t time, const state *now, step
     }
 }
 
+/* Whether a flight has not begun, since the rotors carry too little of the weight. */
+static int grounded(const ca_detector *detector)
+{
+    return !(detector->flown > 0) && detector->wrench[2] < -detector->model->balance[0];
+}
+
 /* Compare the momentum gained with what was expected; return whether this step counts. */
 static int observe_step(ca_detector *detector, const state *now, const step *past,
                         const ca_real *specific_force)
 {
     ca_real gained[6], gain = 0;
     /* What holds a vehicle that does not move may be the ground, which is not learnt. */
-    if (past->moving && detector->blind <= ACQUAINTED)
+    if (past->moving && detector->blind <= ACQUAINTED && !grounded(detector))
         gain = learning_gain(detector, LEARNING);
     for (int k = 0; k < 6; k++)
         gained[k] = now->momentum[k] - detector->momentum[k];
@@ -1355,8 +1358,6 @@ static int observe_step(ca_detector *detector, const state *now, const step *pas
 static void add(ca_detector *detector, const step *past)
 {
     const int n = ROTORS(detector->model);
-    if (!(detector->flown > 0))
-        ca_copy(n, past->thrusts, detector->mean_thrusts);
     detector->flown += past->length;
     rotate_back((const ca_real(*)[3])past->turned, detector->lacked);
     detector->sums.length += past->length;
@@ -1399,10 +1400,14 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
     ca_copy(6, now.momentum, detector->momentum);
     memcpy(detector->rotation, now.rotation, sizeof now.rotation);
     ca_copy(6, motion, detector->motion);
-    if (detector->standing || detector->blind > ACQUAINTED) {
-        if (detector->blind <= ACQUAINTED)
+    if (detector->standing || detector->blind > ACQUAINTED || grounded(detector)) {
+        if (detector->standing && detector->blind <= ACQUAINTED)
             detector->blind = 0;
         begin(detector);
+        /* Usual in hover at rest, but not in a take-off, whose trim is not known. */
+        const ca_real share = settled(past.length / REST);
+        for (int i = 0; i < ROTORS(detector->model); i++)
+            detector->mean_thrusts[i] += share * (past.thrusts[i] - detector->mean_thrusts[i]);
         return 0;
     }
     if (!counts)
