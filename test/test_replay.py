@@ -1,16 +1,20 @@
 """Recorded flights through the detector: names, injected losses, and what is not recorded."""
 
 import re
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
 
 from benchmarks.detection import recordings
+from benchmarks.detection.conditions import FLOWN
+from benchmarks.detection.flights import BEFORE, Setup, landed
+from benchmarks.detection.plant import HOLDING, PERIOD, Plant
 from ca_ros import Vehicle
 from ca_ros.__main__ import main
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.detection.replay import Naming, motion_of, replay, without_rotor
 from ca_ros.settings import ParameterError
 from ca_ros.simulation.closed_loop import Change, fly
@@ -123,6 +127,46 @@ def test_what_cannot_be_replayed_is_refused(tmp_path, capsys):
              gyro=np.zeros((301, 3)))
     assert main(['replay', str(tmp_path / 'flight.npz'), 'hexarotor']) == 1
     assert 'expected a velocity, or a specific force' in capsys.readouterr().err
+
+
+class NamesAt:
+    """A detector that names rotor 1 at given times [ns], and otherwise sees what ours does."""
+
+    def __init__(self, times, *given):
+        self.times, self.detector, self.now = times, make_detector(*given), 0
+
+    def __getattr__(self, name):
+        return getattr(self.detector, name)
+
+    def observe(self, time, *state):
+        self.detector.observe(time, *state)
+        self.now = time
+        return time in self.times
+
+    @property
+    def health(self):
+        return np.where(np.arange(6) == 0, float(self.now not in self.times), 1.0)
+
+
+def test_a_name_at_a_contact_belongs_to_the_landing():
+    setup = Setup.load('hexarotor')
+    truth, mission = FLOWN['landings'].draw(setup.model, np.random.default_rng(4001), 90.0)
+    rows = Plant(setup.model, truth, mission, 4001).fly(90.0)
+    times = rows['time'] / 1e9
+    values = {
+        'command': rows['command'][:, :6], 'gyro': rows['rates'], 'attitude': rows['attitude'],
+        'velocity': rows['velocity']}
+    recording = Recording(dict.fromkeys(values, times), values, 'flight')
+    # The vehicle does not come to stand after the last one.
+    contacts = [begin + round(BEFORE / PERIOD) for begin, _ in landed(rows)][:-1]
+    cruise = np.flatnonzero(rows['mode'] == HOLDING)[::200].tolist()
+    at = {round(1e9 * (times[i] - times[0])): i for i in contacts + cruise}
+    found = replay(setup.vehicle, recording, setup.detector().settings,
+                   make=partial(NamesAt, set(at)))
+    phases = {at[round(1e9 * each.time)]: each.phase for each in found.named}
+    assert len(contacts) >= 4
+    assert [phases[i] for i in contacts] == ['landing'] * len(contacts)
+    assert 'landing' not in [phases[i] for i in cruise if i in phases]
 
 
 def test_a_loss_that_cannot_be_named_in_time_says_why(tmp_path, capsys):

@@ -19,7 +19,8 @@ from ca_ros.vehicle.state import rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 LAUNCH = 2.0  # after the ground [s]
-LANDING = 1.0  # before the vehicle stands [s]
+LANDING = 1.0  # before thrust last carries a vehicle that comes to stand [s]
+CARRYING = 0.9  # least share of the median thrust in the air that carries the vehicle
 WAIT = 2.0  # in which an injected loss is to be named [s]
 
 
@@ -32,8 +33,7 @@ class Naming:
     - `arms`: see `FailureDetector.failed_arms`
     - `health`: what each is left
     - `margin`: lead of the evidence over that of a disturbance, a natural logarithm
-    - `phase`: 'launch', within `LAUNCH` s after the ground, 'landing', within `LANDING` s before
-      it, or 'flight'
+    - `phase`: 'launch', within `LAUNCH` s after the ground, 'landing', see `landings`, or 'flight'
     """
 
     time: float
@@ -170,10 +170,6 @@ def replay(
             detector.command(round(1e9 * (sent[next_command] - begin)), commands[next_command])
             next_command += 1
         step = now - motion.times[i - 1] if i else 0.0
-        if detector.standing and off_ground:
-            named = [
-                replace(each, phase='landing') if now - begin - each.time < LANDING else each
-                for each in named]
         off_ground = 0.0 if detector.standing else off_ground + step
         flying[i], tested[i] = not detector.standing, getattr(detector, 'testing', False)
         probabilities[i] = detector.probabilities
@@ -184,7 +180,32 @@ def replay(
                 float(now - begin), tuple(lost.tolist()), detector.failed_arms,
                 tuple(detector.health[lost].tolist()), getattr(detector, 'margin', np.nan), phase))
             detector.reset()
+    held = _held(recording, 'command', motion.times)
+    assert held is not None
+    thrust = vehicle.thrusts(held).sum(axis=1)
+    landing = landings(motion.times, flying, thrust)[np.searchsorted(
+        motion.times - begin, [each.time for each in named])]
+    named = [
+        replace(each, phase='landing') if lands else each
+        for each, lands in zip(named, landing, strict=True)]
     return Replay(motion.times - begin, probabilities, named, motion.notes, flying, tested)
+
+
+def landings(times: Array, flying: Array, thrust: Array) -> Array:
+    """Return when a vehicle lands (K,): it comes to stand, and its thrust carries it no more.
+
+    It is found to stand 1 to 3 s after the contact, which is not recorded.  So a landing begins
+    `LANDING` s before the last thrust of `CARRYING` times the median of the flight.
+
+    - `flying` (K,): whether it is off the ground, as the detector sees it
+    - `thrust` (K,): commanded
+    """
+    landing = np.zeros(len(times), bool)
+    for end in np.flatnonzero(np.diff(flying.astype(int)) < 0) + 1:
+        carries = np.flatnonzero(thrust[:end] >= CARRYING * np.median(thrust[flying]))
+        if len(carries):
+            landing[:end] |= times[:end] > times[carries[-1]] - LANDING
+    return np.logical_and(landing, flying)
 
 
 def without_rotor(
