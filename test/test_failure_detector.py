@@ -194,7 +194,7 @@ def test_a_lost_rotor_is_not_taken_for_a_weak_one():
 
 
 @pytest.mark.parametrize(('vehicle', 'later'), [
-    ('octorotor', 0.1), ('octorotor', 0.5), ('x8', 0.1), ('x8', 0.5)])
+    ('octorotor', 0.03), ('octorotor', 0.1), ('octorotor', 0.5), ('x8', 0.1), ('x8', 0.5)])
 def test_a_second_failure_is_found(vehicle, later):
     # Also while the first is being identified.
     case = Case.load(vehicle, REALISTIC)

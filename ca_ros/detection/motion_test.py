@@ -253,6 +253,8 @@ class MotionTest:
         age = self._windows.ages[found.window]
         longer = age / max(age - block, block)
         before, probabilities = beliefs.health, found.probabilities
+        if len(found.named) - len(found.arms) == 2:
+            self._give_back_between(found)
         arms = [rotor for arm in found.arms for rotor in arm]
         for rotor, share in zip(found.named, found.lost.tolist(), strict=True):
             half = rotor in arms and rotor not in beliefs.held
@@ -269,6 +271,20 @@ class MotionTest:
             beliefs.name_arm(*arm)
         beliefs.close_arms()
         return not np.array_equal(beliefs.health, before)
+
+    def _give_back_between(self, found: Finding) -> None:
+        """Give back the rotors whose failure has just explained what two others lack."""
+        beliefs = self.beliefs
+        for rotor in set(beliefs.refined) - {*found.named, *beliefs.held}:
+            if beliefs.evidence[rotor] == 'motion':
+                self._give_back(rotor)
+
+    def _give_back(self, rotor: int) -> None:
+        """Let a rotor be sound, as if from the start of the windows on."""
+        lost = self.beliefs.lost(rotor)
+        self.beliefs.give_back(rotor)
+        self.probabilities = np.where(np.arange(self._n + 1) == rotor, 0.0, self.probabilities)
+        self._reduce(rotor, -lost)
 
     def fail(self, rotor: int, share: float, time: int, evidence: str) -> None:
         """Take a share of a rotor's health, which failed by some evidence."""
@@ -321,9 +337,8 @@ class MotionTest:
         """Let one rotor of a named arm have failed, and the other one be sound."""
         lost = self.beliefs.lost(failed)
         self.beliefs.tell_arm(failed, sound)
-        self.probabilities = np.where(np.arange(self._n + 1) == sound, 0.0, self.probabilities)
         self._reduce(failed, lost)
-        self._reduce(sound, -lost)
+        self._give_back(sound)
 
     def _learn(self, spread: Array, moving: bool, given: Array) -> None:
         """Learn what is usual, unless a failure is suspected."""

@@ -97,11 +97,14 @@ class RotorBeliefs:
             self.found[list(pair)] = CERTAIN
 
     def tell_arm(self, failed: int, sound: int) -> None:
-        """Let one rotor of a named arm have failed, and the other one be sound."""
+        """Let one rotor of a named arm have failed."""
         del self.arms[min(failed, sound), max(failed, sound)]
-        self.found[failed], self.found[sound] = CERTAIN, 0.0
-        self.since[sound], self.evidence[sound] = None, ''
-        self.refined.pop(sound, None)
+        self.found[failed] = CERTAIN
+
+    def give_back(self, rotor: int) -> None:
+        """Let a rotor that was found to have failed be sound."""
+        self.found[rotor], self.since[rotor], self.evidence[rotor] = 0.0, None, ''
+        self.refined.pop(rotor, None)
 
     def stick(self, rotor: int, angle: float) -> None:
         """Let a servo stick; its rotor is out of use, if the vehicle can do without it."""

@@ -315,7 +315,7 @@ typedef struct {
     ca_real most[CA_N];                    /* the same, the most in any window */
     ca_real levels[CA_N];                  /* what each has left, an arm as one effector */
     ca_real leads[CA_N];                   /* gathered so far */
-    int lasting;                           /* whether these name it */
+    int lasting, pair;                     /* whether these name it; whether two have failed */
 } finding;
 
 /* What a failed rotor no longer gives in a window, and the variance of this: its thrust, known to a
@@ -464,6 +464,7 @@ static ca_real find_pair(const ca_detector *detector, const ca_block *window,
         taken[k] = given[pair[0]][k] * lost[0] + given[pair[1]][k] * lost[1];
     if (ca_length(3, taken + 3) < model->lever * ca_length(3, taken))
         return best;
+    found->pair = 1;
     for (int k = 0; k < 2; k++)
         name(found, pair[k], ca_min(lost[k], detector->health[pair[k]]), others[k], open[k]);
     return best;
@@ -590,7 +591,7 @@ static void name_now(const ca_detector *detector, const ca_block *windows,
     const ca_real best = found->evidence[rotor];
     const ca_real bound = ca_max(best + ODDS, found->disturbance + MARGIN);
     found->rotor = rotor;
-    found->names = found->lasting = 0;
+    found->names = found->lasting = found->pair = 0;
     found->window = likeliest;
     if (best <= LIMIT || best - found->disturbance <= MARGIN) {
         if (found->disturbance > LIMIT)
@@ -817,19 +818,37 @@ static int refine(ca_detector *detector, const finding *found, const int *young)
     return changed;
 }
 
+/* Let a rotor that was found to have failed be sound. */
+static void give_back(ca_detector *detector, int rotor)
+{
+    reduce(detector, rotor, detector->health[rotor] - detector->announced[rotor]);
+    detector->sound[rotor] = 1;
+    detector->refined[rotor] = CA_UNBOUNDED;
+    detector->since[rotor] = 0;
+    detector->evidence[rotor] = CA_NONE;
+    detector->probabilities[rotor] = 0;
+}
+
+/* Give back the rotors whose failure has just explained what two others lack. */
+static void give_back_between(ca_detector *detector, const finding *found)
+{
+    for (int i = 0; i < ROTORS(detector->model); i++) {
+        int named = detector->arm[i];
+        for (int k = 0; k < found->names; k++)
+            named |= found->named[k] == i;
+        if (!named && detector->refined[i] < REFINED && detector->evidence[i] == CA_MOTION)
+            give_back(detector, i);
+    }
+}
+
 /* Let one rotor of a named arm have failed, and the other one be sound. */
 static void tell(ca_detector *detector, int failed, int sound)
 {
     const ca_real lost = detector->announced[failed] - detector->health[failed];
     detector->arm[failed] = detector->arm[sound] = 0;
     reduce(detector, failed, lost);
-    reduce(detector, sound, -lost);
+    give_back(detector, sound);
     detector->probabilities[failed] = CERTAIN;
-    detector->sound[sound] = 1;
-    detector->refined[sound] = CA_UNBOUNDED;
-    detector->since[sound] = 0;
-    detector->evidence[sound] = CA_NONE;
-    detector->probabilities[sound] = 0;
 }
 
 /* Tell which rotor of a new arm has failed, where it shows; return whether the health changes. */
@@ -1066,6 +1085,8 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     if (!confirmed(detector, &found) && !found.lasting)
         return changed;
     forget(detector, detector->windows[found.window]);
+    if (found.pair)
+        give_back_between(detector, &found);
     /* The window may have begun a block before the failure. */
     const ca_real age = windows[found.window].length;
     const ca_real longer = age / ca_max(age - block, block);
