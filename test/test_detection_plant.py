@@ -261,6 +261,14 @@ def test_a_rotor_lost_soon_after_a_take_off_is_named_at_once(name, right):
     assert sum(each.right and each.after <= 0.2 for each in found) >= right
 
 
+def test_two_rotors_are_not_named_for_a_trim_that_is_not_known():
+    # Rotors 1, 3 and 5 are lost soon after a take-off; two arms explained that and the trim.
+    setup = Setup.load('x8')
+    found = [each for seed in (2092, 2000, 2200) for each in failing(
+        setup, 'landings', FLOWN['landings'], 'total', range(seed, seed + 1))]
+    assert [each.arm for each in found] == [True, True, True]
+
+
 def test_both_engines_name_the_same_after_a_take_off():
     each, other = (
         failing(Setup.load('hexarotor', make=make), 'landings', FLOWN['landings'], 'total',
@@ -321,7 +329,7 @@ def test_tables_know_arms_and_intervals():
 @pytest.mark.parametrize('told', [2, 3])
 def test_a_loss_on_our_own_plant_is_judged_by_the_rotor_that_is_said_to_fail(told):
     case = Case.load('hexarotor_realistic')
-    right, wrong, after, flies = own_plant.flown(case, {told: '2@2.0'}, 1000)
+    right, wrong, after, flies = own_plant.flown(case, {told: '2@3.0'}, 1000)
     assert (right, wrong, flies) == (told == 2, told != 2, True)
     assert told != 2 or 0.0 < after < 0.15
 

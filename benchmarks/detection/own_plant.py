@@ -30,8 +30,8 @@ SERVOS = [
     f'{part}.{name}' for part in ('simulator', 'detector')
     for name in ('servo_time_constant:=0.03', 'servo_rate:=6.0')]
 ANGLES = -0.6, -0.3, 0.3, 0.6  # where servos stick [rad]
-BEGIN, APART = 2.0, 1.0  # when a failure happens, and how much later a second one [s]
-NAMED, END = 2.0, 6.0  # in which the last failure is to be named; how long a flight is [s]
+BEGIN, APART = 3.0, 1.0  # when a failure happens, and how much later a second one [s]
+NAMED, END = 2.0, 7.0  # in which the last failure is to be named; how long a flight is [s]
 UP = Waypoint.of(0.0, 0.0, 1.0, 0.0)
 NEAR = 1.0  # a flight goes on if it stays so near in its last second [m]
 ROTORS = 'hexarotor', 'hexarotor_tilted', 'hexarotor_ppnnpn', 'quadrotor', 'octorotor', 'x8', 'y6'

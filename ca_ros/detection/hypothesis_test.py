@@ -111,6 +111,7 @@ class _Case:
     - `held` (n,): whether each rotor is one of a named arm
     - `asked` (T, n): whether it is asked for enough thrust to be named
     - `losses`, `evidence` (n,) and `disturbance`: see `Losses` and `Finding`
+    - `known`: see `HypothesisTest.__call__`
     """
 
     lacked: Array
@@ -123,6 +124,7 @@ class _Case:
     losses: Losses
     evidence: Array
     disturbance: float
+    known: bool
 
 
 class HypothesisTest:
@@ -213,7 +215,8 @@ class HypothesisTest:
         - `leads` (n,): what each rotor has gathered
         - `block`: time since the last test [s]
         - `arms`: the named ones
-        - `known`: whether it flies for long enough that no rotor owes a lead for the take-off
+        - `known`: whether it flies for long enough that its trim is known: before, no rotor owes a
+          lead, and no two are named, which together explain almost any trim
         """
         n, longest = len(health), len(ages) - 1
         own = given[:, :, :n]
@@ -234,7 +237,7 @@ class HypothesisTest:
         rotor = int(evidence.argmax()) if servo is None else servo.rotor
         case = _Case(
             lacked, variance, own, lateral, health, np.isin(np.arange(n), list(arms)),
-            self._asked(ages, own, usual), losses, evidence, disturbance)
+            self._asked(ages, own, usual), losses, evidence, disturbance, known)
         name, window = self._now(case, rotor, likeliest, servo, leads)
         last = losses.evidence[longest]
         steady = max(float(disturbances[longest]), 0.0)
@@ -336,6 +339,8 @@ class HypothesisTest:
 
         `best`: the greatest evidence of one rotor.
         """
+        if not case.known:
+            return _Name(), 0.0
         given, error = (each[0] for each in self.signatures(
             case.given[[window]], case.lateral[[window]], PAIRED))
         pair = likeliest_pair(

@@ -387,7 +387,7 @@ static void name(finding *found, int rotor, ca_real share, int partner, int arm)
 }
 
 /* Find two rotors whose failures explain a window; name them if their evidence is over a bound.
- * Return the evidence for the likeliest two. */
+ * Return the evidence for the likeliest two.  Two of them can explain a trim that is not known. */
 static ca_real find_pair(const ca_detector *detector, const ca_block *window,
                          const ca_real *variance, ca_real bound, finding *found)
 {
@@ -396,6 +396,8 @@ static ca_real find_pair(const ca_detector *detector, const ca_block *window,
     ca_real given[CA_N][6], errors[CA_N][6], scores[CA_N][CA_N], best = 0, lost[2] = {0, 0};
     ca_real least[CA_N], most[CA_N], taken[6], seen = 0;
     int pair[2] = {0, 0}, open[2] = {0, 0};
+    if (!(detector->flown > LEARNING))
+        return 0;
     for (int k = 0; k < 6; k++)
         seen += window->impulse[k] * window->impulse[k] / variance[k];
     for (int i = 0; i < n; i++) {
