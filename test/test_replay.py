@@ -129,6 +129,32 @@ def test_what_cannot_be_replayed_is_refused(tmp_path, capsys):
     assert 'expected a velocity, or a specific force' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(('stream', 'value', 'answer'), [
+    ('velocity', 1e12, 'velocity: row 101, t 1: [1000000000000.0, '),
+    ('attitude', 0.0, 'attitude: row 101, t 1: [0.0, 0.0, 0.0, 0.0]: expected a quaternion that'),
+    ('t', 1e3, 't: steps of 10 s in the median: expected seconds'),
+])
+def test_what_cannot_be_is_named_with_file_and_row(stream, value, answer, tmp_path, capsys):
+    _, recording, _ = recorded()
+    values = {name: each.copy() for name, each in recording.values.items() if name != 'acc'}
+    times = recording.times['gyro'] * (value if stream == 't' else 1.0)
+    if stream != 't':
+        values[stream][100, :1 if value else 4] = value
+    np.savez(tmp_path / 'flight.npz', t=times, **values)
+    assert main(['replay', str(tmp_path / 'flight.npz'), 'hexarotor_realistic']) == 1
+    assert f'flight.npz: {answer}' in capsys.readouterr().err
+
+
+def test_a_gap_is_said_and_not_flown():
+    vehicle, recording, _ = recorded()
+    times = recording.times['gyro'].copy()
+    times[200:] += 30.0
+    apart = Recording(dict.fromkeys(recording.values, times), recording.values, 'flight')
+    found = replay(vehicle, without(apart, 'acc'), SETTINGS)
+    assert 4.8 < found.in_air < 5.0
+    assert found.notes[0] == 'nothing is recorded from 1.99 s on, for 30.01 s'
+
+
 class NamesAt:
     """A detector that names rotor 1 at given times [ns], and otherwise sees what ours does."""
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.control.momentum_observer import GAP
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.inertial import InertialMotion
@@ -68,8 +69,9 @@ class Replay:
 
     @property
     def in_air(self) -> float:
-        """Time off the ground [s]."""
-        return float(np.diff(self.times, prepend=self.times[0])[self.flying].sum())
+        """Time off the ground, without gaps [s]."""
+        steps = np.diff(self.times, prepend=self.times[0])
+        return float(steps[np.logical_and(self.flying, steps < GAP / 1e9)].sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +100,10 @@ def motion_of(vehicle: Vehicle, recording: Recording) -> Motion:
     times = times[(times >= start) & (times <= end)]
     gyro, force, velocity, attitude = (
         _held(recording, name, times) for name in ('gyro', 'acc', 'velocity', 'attitude'))
-    notes: list[str] = []
+    steps = np.diff(times)
+    notes = [
+        f'nothing is recorded from {times[i] - times[0]:.2f} s on, for {steps[i]:.2f} s'
+        for i in np.flatnonzero(steps >= GAP / 1e9)]
     assert gyro is not None
     if force is None and velocity is None:
         raise ParameterError(f'{recording.name}: expected a velocity, or a specific force')

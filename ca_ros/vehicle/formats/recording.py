@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ca_ros.arrays import Array
 from ca_ros.errors import message
@@ -23,6 +24,9 @@ Without ends the columns are those of the rotors, numbered from 1.
 """
 
 FRD = np.array([1.0, -1.0, -1.0])  # signs of front-right-down in front-left-up
+
+STEP_MAX = 0.5  # the median step of a gyro is below it [s]
+VALUE_MAX = 1e9  # greatest number of a stream
 
 RECORDING_MAX = 1_000_000_000  # greatest size of a file [bytes]
 SUFFIXES = '.csv', '.npz', '.ulg'
@@ -82,11 +86,12 @@ def read_recording(file: str | Path, rotors: int, frame: str = 'flu') -> Recordi
     ------
     ParameterError
         If the file cannot be read, command or gyro is missing, a stream has a wrong number of
-        columns, or times do not increase.
+        columns, times do not increase or are not in seconds, or a value cannot be.
     """
     path = Path(file)
     if path.suffix not in SUFFIXES:
-        raise ParameterError(f'{path}: expected a flight in a file {", ".join(SUFFIXES)}')
+        raise ParameterError(
+            f'{path}: expected a flight in a file {", ".join(SUFFIXES)}; convert a bag to one')
     check_file(path, RECORDING_MAX)
     try:
         read = {'.csv': _from_csv, '.npz': _from_npz, '.ulg': _from_ulog}[path.suffix]
@@ -183,6 +188,24 @@ def _stream_of(title: str) -> str | None:
     return None
 
 
+def _check(name: str, rows: NDArray[np.integer], times: Array, table: Array) -> None:
+    """Raise a ParameterError that names the first impossible value, or if times are not seconds.
+
+    `rows` (K,): the numbers of the rows, without that of the titles
+    """
+    wrong, expected = ~(abs(table) <= VALUE_MAX).all(axis=1), f'numbers up to {VALUE_MAX:g}'
+    if name == 'attitude' and not wrong.any():
+        wrong, expected = ~table.any(axis=1), 'a quaternion that is not zero'
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise ParameterError(
+            f'{name}: row {rows[i]}, t {times[i]:g}: {table[i].tolist()}: expected {expected}')
+    step = float(np.median(np.diff(times)))
+    if name == 'gyro' and step >= STEP_MAX:
+        raise ParameterError(
+            f't: steps of {step:g} s in the median: expected seconds, in steps below {STEP_MAX:g}')
+
+
 def _streams(columns: Mapping[str, Array], rotors: int) -> Recording:
     """Return the streams of columns, each without the rows in which it has no value."""
     recording = Recording()
@@ -205,6 +228,7 @@ def _streams(columns: Mapping[str, Array], rotors: int) -> Recording:
         times, table = times[filled], table[filled]
         if len(times) < 2 or not np.all(np.diff(times) > 0.0):
             raise ParameterError(f't: expected times of {name} that increase [s]')
+        _check(name, np.flatnonzero(filled) + 1, times, table)
         recording.times[name], recording.values[name] = times, table
     missing = {'command', 'gyro'} - recording.values.keys()
     if missing:
