@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.detection import own_plant, tables
+from benchmarks.detection.__main__ import main
 from benchmarks.detection.conditions import CALM, CONTACTS, FLOWN, LOSSES, NOTHING, Condition
 from benchmarks.detection.flights import (
     Count,
@@ -314,6 +315,12 @@ def test_the_contacts_of_mujoco_carry_the_vehicle_and_give_as_many_landings():
         np.testing.assert_allclose(each['position'][:, 2], HEIGHT, atol=0.01)
     np.testing.assert_allclose(
         foreign['specific_force'].mean(axis=0), own['specific_force'].mean(axis=0), atol=0.3)
+
+
+def test_help_is_printed(capsys):
+    with pytest.raises(SystemExit, match='0'):
+        main(['--help'])
+    assert '50 %' in capsys.readouterr().out
 
 
 def test_tables_know_arms_and_intervals():

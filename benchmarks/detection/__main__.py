@@ -127,7 +127,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--conditions', nargs='*', default=[*FLOWN], choices=FLOWN, metavar='NAME',
         help=f'of the hours: {", ".join(FLOWN)}')
     add('--kinds', nargs='*', default=[*LOSSES], choices=LOSSES, metavar='KIND',
-        help=f'of failures: {", ".join(LOSSES)}')
+        help=f'of failures: {", ".join(LOSSES).replace("%", "%%")}')
     add('--causes', action='store_true', help='conditions in which one thing alone is not ideal')
     add('--set', dest='settings', type=_setting, nargs='+', default=[], metavar='NAME=VALUE',
         help='settings of the detector, as in certainty=0.99')

@@ -43,9 +43,9 @@ class MonitorNode(Node):
     A failure holds until the service ``~/reset``, also if the monitor ends.
 
     With `detector.imu_position` it also takes `imu`: between two states the mean of its specific
-    force takes the place of the change of velocity.  In real time, while no state comes, angular
-    velocity and specific force alone are observed; otherwise a state waits for the message of its
-    stamp.
+    force takes the place of the change of velocity.  In real time, until the first state comes,
+    angular velocity and specific force alone are observed; they do not take over from states that
+    stop.  In lockstep, a state waits for the message of its stamp.
 
     The arguments are those of `rclpy.node.Node`.  Raises a ParameterError if a parameter is
     missing or wrong.
