@@ -20,6 +20,7 @@ from ca_ros.detection.noise_estimator import UsualMotion
 from ca_ros.detection.rotor_beliefs import RotorBeliefs
 from ca_ros.detection.stuck_servos import stuck_servos
 from ca_ros.kernel import extension
+from ca_ros.settings import ParameterError
 from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.simulation.rigid_body import velocity_in_body
 from ca_ros.studies.cases import Case
@@ -124,6 +125,27 @@ def test_whoever_announces_one_rotor_of_an_arm_tells_which_one_has_failed():
 def test_half_a_millisecond_of_settling_is_rounded_up(delay, milliseconds):
     detector = FailureDetector(HEXAROTOR, replace(SETTINGS, motor_time_constant=0.02, delay=delay))
     assert detector.settling == milliseconds * 1_000_000
+
+
+def test_both_engines_take_names_and_refuse_the_same():
+    still = np.zeros(3)
+    state = {'attitude': LEVEL, 'velocity': still, 'angular_velocity': still}
+    for each in both_engines(HEXAROTOR, SETTINGS):
+        with pytest.raises(ParameterError, match='no rotor of this vehicle tilts'):
+            each.announce(without(6, rotor_1=0.5), stuck={2: 0.1})
+        np.testing.assert_array_equal(each.health, np.ones(6))
+        assert each.observe(0, LEVEL, still, angular_velocity=still) is False
+        assert each.observe(time=10_000_000, **state, specific_force=None) is False
+        with pytest.raises(ValueError, match='specific force'):
+            each.observe(20_000_000, **state, specific_force=np.full(3, np.nan))
+        with pytest.raises(TypeError, match=r"missing .*'angular_velocity'"):
+            each.observe(0, LEVEL, still)
+        with pytest.raises(TypeError, match=r"unexpected .*'force'"):
+            each.observe(0, **state, force=still)
+        with pytest.raises(TypeError, match="values for argument 'attitude'"):
+            each.observe(0, LEVEL, **state)
+        with pytest.raises(TypeError, match='observe'):
+            each.observe(0, LEVEL, still, still, None, still)
 
 
 def test_an_accelerometer_shows_a_loss_and_a_push():

@@ -45,8 +45,8 @@ class KernelDetector:
         return described(self)
 
     def announce(self, health: ArrayLike, stuck: Mapping[int, float] | None = None) -> None:
-        """Take the announced health (n,), as `FailureDetector` does; there are no servos."""
-        self.vehicle = self.vehicle.with_health(health)
+        """Take the announced health (n,), as `FailureDetector` does; no servo can stick."""
+        self.vehicle = self.vehicle.with_health(health, stuck=stuck or {})
         self._kernel.announce(np.array(self.vehicle.health))
 
     @property

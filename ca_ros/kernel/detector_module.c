@@ -97,6 +97,38 @@ static PyObject *measure(object *self, PyObject *const *arguments, Py_ssize_t co
     return PyBool_FromLong(changed);
 }
 
+/* Find the arguments of observe, of which some have names; a specific force need not be there. */
+static int find_arguments(PyObject *const *arguments, Py_ssize_t count, PyObject *names,
+                          PyObject **found)
+{
+    static const char *const expected[5] = {"time", "attitude", "velocity", "angular_velocity",
+                                            "specific_force"};
+    if (count > 5) {
+        PyErr_Format(PyExc_TypeError, "observe: expected 5 arguments at most, got %zd", count);
+        return 0;
+    }
+    for (int k = 0; k < 5; k++)
+        found[k] = k < count ? arguments[k] : NULL;
+    for (Py_ssize_t i = 0; names && i < PyTuple_GET_SIZE(names); i++) {
+        PyObject *name = PyTuple_GET_ITEM(names, i);
+        int k = 0;
+        while (k < 5 && PyUnicode_CompareWithASCIIString(name, expected[k]))
+            k++;
+        if (k == 5 || found[k]) {
+            PyErr_Format(PyExc_TypeError, "observe: %s argument %R",
+                         k == 5 ? "unexpected" : "two values for", name);
+            return 0;
+        }
+        found[k] = arguments[count + i];
+    }
+    for (int k = 0; k < 4; k++)
+        if (!found[k]) {
+            PyErr_Format(PyExc_TypeError, "observe: missing argument '%s'", expected[k]);
+            return 0;
+        }
+    return 1;
+}
+
 static PyObject *observe(object *self, PyObject *const *arguments, Py_ssize_t count,
                          PyObject *names)
 {
@@ -105,19 +137,15 @@ static PyObject *observe(object *self, PyObject *const *arguments, Py_ssize_t co
     const int sizes[4] = {4, 3, 3, 3};
     ca_real state[13];
     int64_t time;
-    int measured = count == 5;
-    if (names && PyTuple_GET_SIZE(names)) {
-        if (count != 4 || PyTuple_GET_SIZE(names) > 1 ||
-            PyUnicode_CompareWithASCIIString(PyTuple_GET_ITEM(names, 0), "specific_force"))
-            return PyErr_Format(PyExc_TypeError, "observe: no argument %R", names);
-        measured = 1;
+    PyObject *found[5];
+    if ((names && PyTuple_GET_SIZE(names)) || count < 4 || count > 5) {
+        if (!find_arguments(arguments, count, names, found))
+            return NULL;
+        arguments = found;
+        count = found[4] ? 5 : 4;
     }
-    if (measured && arguments[4] == Py_None) {
-        measured = 0;
-        count = 4;
-    }
-    if (!take(self, arguments, count + (measured && count == 4), parts, sizes, 3 + measured, &time,
-              state))
+    const int measured = count == 5 && arguments[4] != Py_None;
+    if (!take(self, arguments, 4 + measured, parts, sizes, 3 + measured, &time, state))
         return NULL;
     for (int k = 10; measured && k < 13; k++)
         if (!(state[k] >= -CA_STATE_MAX && state[k] <= CA_STATE_MAX))
