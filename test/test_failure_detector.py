@@ -20,7 +20,7 @@ from ca_ros.detection.noise_estimator import UsualMotion
 from ca_ros.detection.rotor_beliefs import RotorBeliefs
 from ca_ros.detection.stuck_servos import stuck_servos
 from ca_ros.kernel import extension
-from ca_ros.settings import ParameterError
+from ca_ros.settings import ParameterError, read
 from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.simulation.rigid_body import velocity_in_body
 from ca_ros.studies.cases import Case
@@ -146,6 +146,14 @@ def test_both_engines_take_names_and_refuse_the_same():
             each.observe(0, LEVEL, **state)
         with pytest.raises(TypeError, match='observe'):
             each.observe(0, LEVEL, still, still, None, still)
+
+
+@pytest.mark.parametrize('place', [0.05, [0.05], [50.0, 0.0, 0.0]])
+def test_a_place_of_the_accelerometer_that_cannot_be_is_refused(place):
+    for given in (0.0, [0.0], 0):
+        assert not DetectorSettings(imu_position=given).has_imu
+    with pytest.raises(ParameterError, match=r'detector\.imu_position: expected x, y, z up'):
+        read(DetectorSettings, {'detector.imu_position': place}, 'detector.')
 
 
 def test_an_accelerometer_shows_a_loss_and_a_push():

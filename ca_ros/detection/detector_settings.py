@@ -4,8 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ca_ros.settings import Numbers, Settings, setting
+from ca_ros.settings import Numbers, ParameterError, Settings, setting
 from ca_ros.vehicle.settings import XYZ
+
+FARTHEST = 10.0
+"""The farthest that an accelerometer is from the centre of mass [m]; more is millimetres."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,6 +21,14 @@ class ImuSettings(Settings):
     imu_position: Numbers = setting(
         0.0, 'place of the accelerometer, x, y, z from the centre of mass; 0: monitor and '
         'simulator have none', unit='m', sizes=XYZ)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        place = np.ravel(self.imu_position)
+        if (len(place) == 1 and place[0] != 0.0) or np.linalg.norm(place) > FARTHEST:
+            raise ParameterError(
+                f'imu_position: expected x, y, z up to {FARTHEST:g} m from the centre of mass, or '
+                f'0 for no accelerometer, got {self.imu_position}')
 
     @property
     def has_imu(self) -> bool:
