@@ -165,9 +165,18 @@ def test_misuse_is_refused():
     with pytest.raises(ParameterError, match=r'expected 6 numbers in \[0, 1\]'):
         allocator.with_health([1.0, 0.0])
     half = [0.5] * 6
-    for arm, health in (((1, 7), half), ((2, 2), half), ((1, 2), [0.5, 0.4, 1, 1, 1, 1])):
-        with pytest.raises(ParameterError, match='expected two rotors with the same'):
-            allocator.with_health(health, [arm])
+    x8, eighth = Exact(Vehicle.load('x8')), [0.5] * 8
+    for sound, arm, health, words in (
+        (allocator, (1, 7), half, 'two different rotors of 1 to 6'),
+        (allocator, (2, 2), half, 'two different rotors of 1 to 6'),
+        (x8, (1, 9), eighth, 'two different rotors of 1 to 8'),
+        (x8, (0, 1), eighth, 'two different rotors of 1 to 8'),
+        (x8, (1, 2), [0.5, 0.4, 1, 1, 1, 1, 1, 1], 'two rotors with the same health'),
+        (x8, (1, 5), eighth, 'two rotors on the same axis'),
+        (allocator, (1, 2), half, 'two rotors on the same axis'),
+    ):
+        with pytest.raises(ParameterError, match=f'arm {arm[0]} {arm[1]}: expected {words}'):
+            sound.with_health(health, [arm])
     with pytest.raises(TypeError, match=r"by keyword \(order, .* got 'scale'"):
         Exact(Vehicle.load('hexarotor'), 'scale')
 

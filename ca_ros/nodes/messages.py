@@ -81,7 +81,7 @@ def health_message(health: Array, arms: Iterable[tuple[int, int]]) -> Float64Mul
     """Return the health (n,) of rotors, as a `speeds_message` to be filled.
 
     For each arm of which one rotor has failed, and which one is unknown, the layout has a further
-    dimension with a label such as 'arm 1 5': see `Vehicle.with_health`.
+    dimension with a label such as 'arm 1 2': see `Vehicle.with_health`.
     """
     message = speeds_message(health, None, 'rotor health')
     message.layout.dim += [

@@ -31,6 +31,10 @@ from ca_ros.vehicle.settings import (
 )
 from ca_ros.vehicle.validation import counts, health_of
 
+COAXIAL = 0.2
+"""Rotors whose forces per thrust, and roll and pitch over the mean arm, differ by more are no arm:
+twice what the detector takes for one."""
+
 
 @dataclass(frozen=True, eq=False, init=False, repr=False, kw_only=True)
 class Vehicle(Motors):
@@ -260,17 +264,29 @@ class Vehicle(Motors):
         `stuck` has by rotor, from 1, the angle at which its servo sticks [rad]; by default those
         stick that stick already.
 
-        Raises a ParameterError if a health is out of bounds, an arm is not two rotors with the
-        same health, or a servo cannot stick there.
+        Raises a ParameterError if a health is out of bounds, an arm is not two coaxial rotors with
+        the same health, or a servo cannot stick there.
         """
         shares = health_of('rotors.health', health, self.n)
         arms = tuple(failed_arms)
         for i, j in arms:
-            inside = 1 <= i <= self.n and 1 <= j <= self.n and i != j
-            if not inside or shares[i - 1] != shares[j - 1]:
-                raise ParameterError(f'arm {i} {j}: expected two rotors with the same health')
+            arm = f'arm {i} {j}: expected two'
+            if i == j or not (counts(i, self.n) and counts(j, self.n)):
+                raise ParameterError(f'{arm} different rotors of 1 to {self.n}')
+            if shares[i - 1] != shares[j - 1]:
+                raise ParameterError(f'{arm} rotors with the same health')
+            if not self._coaxial(i - 1, j - 1):
+                raise ParameterError(f'{arm} rotors on the same axis')
         servos = self.servos if stuck is None else self.with_stuck_servos(stuck).servos
         return replace(self, health=shares, failed_arms=arms, servos=servos)
+
+    def _coaxial(self, i: int, j: int) -> bool:
+        """Return whether two rotors have nearly the same axis, servos at the angle zero."""
+        size = float(np.linalg.norm(self.arms, axis=1).mean())
+        force = self.rotor_axes[i] - self.rotor_axes[j]
+        moments = np.cross(self.arms[[i, j]], self.rotor_axes[[i, j]])[:, :2]
+        roll_pitch = (moments[0] - moments[1]) / (size or 1.0)
+        return float(np.hypot(np.linalg.norm(force), np.linalg.norm(roll_pitch))) < COAXIAL
 
     def with_stuck_servo(self, rotor: int, angle: float) -> Vehicle:
         """Return the same vehicle with the servo of a rotor (from 1) stuck at an angle [rad]."""
