@@ -18,9 +18,9 @@ from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 STEP = 0.01  # between two states of the golden flight [s]
 FORCE_NOISE = 0.1  # of the accelerometer [m/s^2]
-STATES, FAILURE = 90, 70
+STATES, FAILURE = 230, 210
 """States of the golden flight once the motors have settled, and the first one of these after the
-failure of rotor 1."""
+failure of rotor 1.  From 2 s on pairs are tested, too."""
 
 
 def detector_of(vehicle: Vehicle, given: Mapping[str, Any]) -> FailureDetector:
