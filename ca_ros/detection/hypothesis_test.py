@@ -215,8 +215,8 @@ class HypothesisTest:
         - `leads` (n,): what each rotor has gathered
         - `block`: time since the last test [s]
         - `arms`: the named ones
-        - `known`: whether it flies for long enough that its trim is known: before, no rotor owes a
-          lead, and no two are named, which together explain almost any trim
+        - `known`: whether it flies for long enough that its trim is known: before, no two rotors
+          are named, which together explain almost any trim, and no weak one
         """
         n, longest = len(health), len(ages) - 1
         own = given[:, :, :n]
@@ -242,8 +242,8 @@ class HypothesisTest:
         last = losses.evidence[longest]
         steady = max(float(disturbances[longest]), 0.0)
         leads = gathered(leads, block, last, servos, steady, self.partners)
-        if known:
-            leads = owed(leads, losses.raw[likeliest], health, evidence, disturbance)
+        leads = owed(leads, losses.raw[likeliest], health, evidence, disturbance)
+        leads = leads if known else np.zeros(n)
         lasting = bool(not name.rotors and self._lasts(case, leads))
         if lasting:
             rotor, window = int(leads.argmax()), longest

@@ -501,8 +501,8 @@ static ca_real of_disturbances(const ca_detector_model *model, const ca_block *w
     return evidence;
 }
 
-/* Gather how far each rotor leads all else in the longest window; name one that leads for long.
- * A rotor that lacks more than it has, `lacking` where a disturbance is likeliest, gets a debt. */
+/* Gather how far each rotor leads all else in the longest window; name one that leads for long,
+ * but none for a trim that is not known.  A rotor that lacks more than it has, `lacking` where a disturbance is likeliest, gets a debt. */
 static void gather(const ca_detector *detector, const ca_block *window, ca_real block,
                    const ca_real *evidence, ca_real disturbance, const ca_real *lacking,
                    finding *found)
@@ -510,6 +510,10 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
     int top = 0;
+    if (!(detector->flown > LEARNING)) {
+        memset(found->leads, 0, sizeof found->leads);
+        return;
+    }
     for (int i = 0; i < n; i++) {
         ca_real rival = ca_max(disturbance, 0);
         for (int j = 0; j < n; j++)
@@ -518,8 +522,8 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
         const ca_real lead = ca_min(evidence[i] - rival, LIMIT), before = detector->leads[i];
         found->leads[i] =
             ca_max(before + block / WINDOWS[CA_WINDOWS - 1] * lead, before < 0 ? -DEBT : 0);
-        if (detector->flown > LEARNING && lacking[i] > EXCESS * found->levels[i] &&
-            found->evidence[i] > LIMIT && found->disturbance - found->evidence[i] > DOUBT)
+        if (lacking[i] > EXCESS * found->levels[i] && found->evidence[i] > LIMIT &&
+            found->disturbance - found->evidence[i] > DOUBT)
             found->leads[i] = -DEBT;
         top = found->leads[i] > found->leads[top] ? i : top;
     }
