@@ -98,21 +98,14 @@ def test_an_arm_is_named_until_it_shows_which_rotor_has_failed(vehicle, rotor, a
     assert detection.detector.probabilities[rotor - 1] >= 0.995
     assert np.linalg.norm(flight.position[-100:] - UP.position, axis=1).max() < 1.0
     # Both engines find the same.
-    engines = both_engines(case.vehicle, case.flown.detector)
-    for time, *state, speeds in rows_of(flight)[:300]:
-        answers(engines, 'observe', time, *state)
-        answers(engines, 'command', time, speeds)
-        assert_equal(engines)
+    engines = replayed(case, rows_of(flight)[:300])
     np.testing.assert_array_equal(engines[0].health, lost)
 
 
 def test_whoever_announces_one_rotor_of_an_arm_tells_which_one_has_failed():
     case = Case.load('x8', REALISTIC)
     flight, _ = flown(case, {2.0: without(8, rotor_1=0.0)}, 2.1)
-    engines = both_engines(case.vehicle, case.flown.detector)
-    for time, *state, speeds in rows_of(flight):
-        answers(engines, 'observe', time, *state)
-        answers(engines, 'command', time, speeds)
+    engines = replayed(case, rows_of(flight))
     for each in engines:
         assert each.failed_arms == ((1, 2),)
         each.announce(without(8, rotor_1=0.0))
@@ -252,11 +245,7 @@ def test_two_arms_are_named_at_once(vehicle, lost):
         assert (i, j) in detection.detector.failed_arms or health[rotor - 1] < 0.1
     assert set(np.flatnonzero(health < 1.0) + 1) <= {rotor for arm in arms for rotor in arm}
     assert np.linalg.norm(flight.position[-100:] - UP.position, axis=1).max() < 2.0
-    engines = both_engines(case.vehicle, case.flown.detector)
-    for time, *state, speeds in rows_of(flight)[:400]:
-        answers(engines, 'observe', time, *state)
-        answers(engines, 'command', time, speeds)
-        assert_equal(engines)
+    replayed(case, rows_of(flight)[:400])
 
 
 @pytest.mark.parametrize(('vehicle', 'later'), [('x8', 0.0), ('x8', 0.03), ('y6', 0.1)])
@@ -518,6 +507,16 @@ def assert_equal(detectors):
                 getattr(other, name), getattr(first, name), atol=1e-9, err_msg=name)
         for name in ('since', 'evidence', 'suspect', 'standing'):
             assert getattr(other, name) == getattr(first, name), name
+
+
+def replayed(case, rows):
+    """Return both engines after rows of a flight, in each of which they were equal."""
+    engines = both_engines(case.vehicle, case.flown.detector)
+    for time, *state, speeds in rows:
+        answers(engines, 'observe', time, *state)
+        answers(engines, 'command', time, speeds)
+        assert_equal(engines)
+    return engines
 
 
 @pytest.fixture(scope='module')

@@ -241,9 +241,11 @@ class HypothesisTest:
         name, window = self._now(case, rotor, likeliest, servo, leads)
         last = losses.evidence[longest]
         steady = max(float(disturbances[longest]), 0.0)
-        leads = gathered(leads, block, last, servos, steady, self.partners)
-        leads = owed(leads, losses.raw[likeliest], health, evidence, disturbance)
-        leads = leads if known else np.zeros(n)
+        if known:
+            leads = gathered(leads, block, last, servos, steady, self.partners)
+            leads = owed(leads, losses.raw[likeliest], health, evidence, disturbance)
+        else:
+            leads = np.zeros(n)
         lasting = bool(not name.rotors and self._lasts(case, leads))
         if lasting:
             rotor, window = int(leads.argmax()), longest

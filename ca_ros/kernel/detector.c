@@ -346,7 +346,7 @@ static int partner_of(const ca_detector_model *model, int rotor)
     return (int)model->partner[rotor];
 }
 
-/* The same of what may fail next: a named arm is one effector, and both rotors show its mean. */
+/* The signature of a rotor that may fail next: those of a named arm both have the arm's mean. */
 static void effector_of(const ca_detector *detector, const ca_block *window, int rotor,
                         ca_real *given, ca_real *error)
 {
@@ -361,7 +361,7 @@ static void effector_of(const ca_detector *detector, const ca_block *window, int
     }
 }
 
-/* What it has left. */
+/* The health that a rotor has left, or both of a named arm together. */
 static ca_real level_of(const ca_detector *detector, int rotor)
 {
     const ca_real health = detector->health[rotor];
@@ -387,7 +387,8 @@ static void name(finding *found, int rotor, ca_real share, int partner, int arm)
 }
 
 /* Find two rotors whose failures explain a window; name them if their evidence is over a bound.
- * Return the evidence for the likeliest two.  Two of them can explain a trim that is not known. */
+ * Return the evidence for the likeliest two; none while the trim is not known, as two rotors can
+ * explain almost any trim. */
 static ca_real find_pair(const ca_detector *detector, const ca_block *window,
                          const ca_real *variance, ca_real bound, finding *found)
 {
@@ -501,8 +502,9 @@ static ca_real of_disturbances(const ca_detector_model *model, const ca_block *w
     return evidence;
 }
 
-/* Gather how far each rotor leads all else in the longest window; name one that leads for long,
- * but none for a trim that is not known.  A rotor that lacks more than it has, `lacking` where a disturbance is likeliest, gets a debt. */
+/* Gather how far each rotor leads all else in the longest window; name one that leads for long.
+ * Nothing is gathered while the trim is not known.  A rotor that lacks more than it has, `lacking`
+ * where a disturbance is likeliest, gets a debt. */
 static void gather(const ca_detector *detector, const ca_block *window, ca_real block,
                    const ca_real *evidence, ca_real disturbance, const ca_real *lacking,
                    finding *found)
