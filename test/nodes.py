@@ -204,7 +204,7 @@ encoded = serialize_message(message)
 while not publisher.get_subscription_count():
     time.sleep(0.01)
 begun, sent = time.monotonic(), 0
-while True:
+while rclpy.ok():
     if sent < 1e4 * (time.monotonic() - begun):
         publisher.publish(encoded)
         sent += 1

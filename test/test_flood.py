@@ -7,40 +7,39 @@ import pytest
 from rcl_interfaces.srv import GetParameters
 
 from ca_ros.testing import Diagnostics, counts
-from nodes import STALL, start_flood, stood_still
+from nodes import start_flood
 from strategies import length
 
 SECONDS = length(0.3, 2.0, 12.0)
 """How long each flood lasts."""
 
-ANSWERED = 1.0
-"""Within this time a service must answer [s]."""
+ANSWERED = 10.0
+"""Within this time a service must answer [s]: Fast DDS sends what the kernel has lost again after
+a second; an executor that serves one message after the other needs minutes."""
 
 ASKED = 0.1
 """Period of the requests [s]: in a flood the kernel may lose one before DDS reads it."""
 
+
 class Asker:
     """Asks a node for a parameter, and notes the longest time until an answer."""
 
-    def __init__(self, graph, node, pid):
-        self._graph, self._pid = graph, pid
+    def __init__(self, graph, node):
+        self._graph = graph
         self._client = graph.node.create_client(GetParameters, f'{node}/get_parameters')
         graph.spin_until(self._client.service_is_ready, 'the service')
         self.answers, self.longest = 0, 0.0
 
     def ask(self):
         """Send requests until one of them is answered."""
-        begun, futures, before = time.monotonic(), [], stood_still(self._pid)
+        begun, futures = time.monotonic(), []
 
         def answered():
-            if (late := time.monotonic() - begun - ANSWERED) > 0.0:
-                # What both processes have waited for a processor is not the node's fault.
-                assert late <= stood_still(self._pid) - before + STALL, 'no answer in time'
             if time.monotonic() >= begun + ASKED * len(futures):
                 futures.append(self._client.call_async(GetParameters.Request(names=['mode'])))
             return any(future.done() for future in futures)
 
-        self._graph.spin_until(answered, 'an answer')
+        self._graph.spin_until(answered, 'an answer', deadline=ANSWERED)
         self.answers += 1
         self.longest = max(self.longest, time.monotonic() - begun)
 
@@ -49,10 +48,10 @@ class Asker:
 @pytest.mark.timeout(1200 + 10 * SECONDS)
 @pytest.mark.parametrize('name', length(['simulator'], ['allocator', 'simulator']))
 def test_a_node_answers_during_and_after_a_flood(graph, name, record_property):
-    process = graph.start(name, '--vehicle', 'hexarotor')
+    graph.start(name, '--vehicle', 'hexarotor')
     diagnostics = Diagnostics(graph)
     parameters = graph.connect(f'/{name}')
-    during, after = (Asker(graph, f'/{name}', process.pid) for _ in range(2))
+    during, after = (Asker(graph, f'/{name}') for _ in range(2))
     during.ask()
     senders = [start_flood(graph, name, 9.81) for _ in range(2)]
     diagnostics.wait(
@@ -60,8 +59,9 @@ def test_a_node_answers_during_and_after_a_flood(graph, name, record_property):
     end = time.monotonic() + SECONDS
     while time.monotonic() < end:
         during.ask()
+    # Where a process is killed while it sends, Fast DDS may deliver nothing for a second.
     for sender in senders:
-        graph.end(sender, signal.SIGKILL)
+        graph.end(sender, signal.SIGTERM)
     after.ask()
     begun = time.monotonic()
     changed = {'simulator': 'simulator.failures', 'allocator': 'rotors.health'}[name]

@@ -182,7 +182,7 @@ def test_a_flood_of_what_is_dropped_delays_nothing_for_long(graph, name):
     for _ in range(20):
         node.wait_for('idle')
     assert flood.poll() is None
-    graph.end(flood, signal.SIGKILL)
+    graph.end(flood, signal.SIGTERM)
     node.fly()
     node.wait_for('idle')
 
