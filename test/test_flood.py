@@ -59,7 +59,7 @@ def test_a_node_answers_during_and_after_a_flood(graph, name, record_property):
     end = time.monotonic() + SECONDS
     while time.monotonic() < end:
         during.ask()
-    # Where a process is killed while it sends, Fast DDS may deliver nothing for a second.
+    # The shared memory of a killed process may hold up this one for a second.
     for sender in senders:
         graph.end(sender, signal.SIGTERM)
     after.ask()
