@@ -15,18 +15,24 @@ import numpy as np
 import pytest
 import yaml
 from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import Imu
 
+from ca_ros.__main__ import main
 from ca_ros.bringup.bag import LOOP, RECORDED, Bag
 from ca_ros.nodes.topics import ANNOUNCED_HEALTH, EFFECTORS, STATE_RESTART, TILT_COMMAND, TILTS
 from ca_ros.testing import Graph
+from ca_ros.vehicle.formats.recording import read_recording
 
-pytest.importorskip('rosbags', reason="needs the extra 'bag'")
+rosbag2 = pytest.importorskip('rosbags.rosbag2', reason="needs the extra 'bag'")
+typesys = pytest.importorskip('rosbags.typesys', reason="needs the extra 'bag'")
 make_reader = pytest.importorskip('mcap.reader', reason="needs the extra 'test'").make_reader
 DecoderFactory = pytest.importorskip('mcap_ros2.decoder').DecoderFactory
 
 pytestmark = pytest.mark.slow
 
-SWITCHES = 'simulator.publish_clock:=true', 'rotors.thrust_curve.pwm:=[1000.0, 2000.0]'
+SWITCHES = (
+    'simulator.publish_clock:=true', 'rotors.thrust_curve.pwm:=[1000.0, 2000.0]',
+    'detector.imu_position:=[0.0, 0.0, 0.0]')
 """Parameters that switch optional topics on."""
 
 ELSEWHERE = tuple(
@@ -34,13 +40,14 @@ ELSEWHERE = tuple(
 """Topics of problems without a vehicle, of rotors that tilt or fail, and of px4_bridge."""
 
 LAYOUTS = Path(__file__).resolve().parent.parent / 'layouts'
-DURATION = 1.5
+DURATION = 3.0
 
 
 class Recording:
     """A bag that was read: messages by topic, in their order, and what the files say of them."""
 
     def __init__(self, folder):
+        self.folder = folder
         [file] = folder.glob('*.mcap')
         self.types, self.messages = {}, defaultdict(list)
         with file.open('rb') as stream:
@@ -87,7 +94,7 @@ def test_every_topic_is_there_with_its_type_and_count(flight):
     expected = {
         topic if topic.startswith('/') else f'/{topic}':
         f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}'
-        for topic, kind in RECORDED.items() if topic not in ELSEWHERE}
+        for topic, kind in {**RECORDED, 'imu': Imu}.items() if topic not in ELSEWHERE}
     assert recording.types == expected
     counts = {topic: len(messages) for topic, messages in recording.messages.items()}
     counts |= {f'/{name}': 0 for name in ELSEWHERE}
@@ -139,6 +146,91 @@ def test_the_waypoint_and_the_log_are_there(flight):
     waypoints = flight[0].messages['/command/pose']
     assert {waypoint.pose.position.x for waypoint in waypoints} == {1.0}
     assert {'allocator', 'controller'} <= {each.name for each in flight[0].messages['/rosout']}
+
+
+# Replayed
+
+def copied(source, path, topics, storage=rosbag2.StoragePlugin.SQLITE3):
+    """Write topics of a bag into a new one, by their new names."""
+    with rosbag2.Reader(source) as reader, \
+            rosbag2.Writer(path, version=9, storage_plugin=storage) as writer:
+        types, new = typesys.get_typestore(typesys.Stores.ROS2_JAZZY), defaultdict(list)
+        for each in reader.connections:
+            for name in topics(each.topic):
+                new[each.topic].append(writer.add_connection(name, each.msgtype, typestore=types))
+        for each, time, data in reader.messages():
+            for connection in new[each.topic]:
+                writer.write(connection, time, data)
+    return path
+
+
+def replayed(capsys, path, *words):
+    code = main(['replay', str(path), 'hexarotor', *words])
+    return code, ''.join(capsys.readouterr())
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'file', 'sqlite3'])
+def test_a_bag_is_replayed_and_a_rotor_that_is_taken_from_it_is_named(
+        flight, tmp_path, capsys, storage):
+    folder = flight[0].folder
+    [path] = folder.glob('*.mcap') if storage == 'file' else [folder]
+    if storage == 'sqlite3':
+        path = copied(folder, tmp_path / 'bag', lambda topic: [f'/uav1{topic}', f'/faulty{topic}'])
+        assert list(path.glob('*.db3'))
+    code, said = replayed(capsys, path, '--inject', '2@2')
+    assert code == 0, said
+    assert 'nothing is named' in said
+    assert 'no specific force' not in said
+    assert re.search(r'rotor 2 taken at 2 s: rotor 2 named after \d\d ms', said), said
+
+
+def test_a_bag_gives_the_streams_of_the_flight(flight):
+    recording, table, _ = flight
+    found, steps = read_recording(recording.folder, 6), np.round(table['t'] / 0.01)
+    titles = {
+        'command': [f'command_{i + 1}' for i in range(6)], 'acc': [f'acc_{x}' for x in 'xyz'],
+        'speed': [f'speed_measured_{i + 1}' for i in range(6)],
+        'gyro': [f'gyro_{x}' for x in 'xyz'], 'velocity': [f'v{x}' for x in 'xyz'],
+        'attitude': [f'q{x}' for x in 'xyzw']}
+    for name, columns in titles.items():
+        _, here, there = np.intersect1d(np.round(found.times[name] / 0.01), steps,
+                                        return_indices=True)
+        assert len(here) > 0.75 * len(steps)
+        expected = np.column_stack([table[column] for column in columns])[there]
+        filled = np.isfinite(expected).all(axis=1)
+        assert filled.sum() > 0.75 * len(steps)
+        np.testing.assert_array_equal(found.values[name][here][filled], expected[filled], name)
+
+
+@pytest.mark.parametrize(('names', 'answer'), [
+    (['/a{}', '/b{}'], 'command/motor_speed in 2 namespaces: expected one, not /a/, /b/'),
+    (['/a{}_other'], 'command/motor_speed in 0 namespaces: expected one'),
+])
+def test_a_bag_without_the_commands_of_one_vehicle_is_refused(
+        flight, tmp_path, capsys, names, answer):
+    path = copied(flight[0].folder, tmp_path / 'bag', lambda topic: [
+        name.format(topic) for name in names if topic.startswith('/command/')])
+    code, said = replayed(capsys, path)
+    assert code == 1
+    assert answer in said
+
+
+def test_a_bag_that_is_cut_is_refused(flight, tmp_path, capsys):
+    path = copied(
+        flight[0].folder, tmp_path / 'bag', lambda topic: [topic], rosbag2.StoragePlugin.MCAP)
+    [file] = path.glob('*.mcap')
+    data = file.read_bytes()
+    file.write_bytes(data[:len(data) // 2])
+    code, said = replayed(capsys, path)
+    assert code == 1
+    assert said.splitlines()[-1].startswith(f'ca_ros replay: {path}: ')
+
+
+def test_a_replay_without_rosbags_names_the_extra(flight, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'rosbags.highlevel', None)
+    code, said = replayed(capsys, flight[0].folder)
+    assert code == 1
+    assert "a bag needs rosbags: pip install rosbags, or ca_ros's extra 'bag'" in said
 
 
 # Layouts

@@ -16,9 +16,9 @@ from ca_ros.nodes.messages import stamp_of
 from ca_ros.nodes.topics import ROSOUT, deep, type_name
 
 RECORDED: dict[str, type[Any]] = {topic.path: topic.kind for topic in topics.TOPICS}
-"""The recorded topics; each of the relative ones has one publisher."""
+"""The recorded topics, beside `imu`; each of the relative ones has one publisher."""
 
-OPTIONAL = {topic.path for topic in topics.TOPICS if topic.optional}
+OPTIONAL = {topics.IMU, *(topic.path for topic in topics.TOPICS if topic.optional)}
 
 LOOP = tuple(topic.path for topic in topics.STREAMS)  # one stamped message for each step
 STAMPED = (*LOOP, topics.ALLOCATED_WRENCH.path, topics.RESIDUAL.path)  # and results of commands
@@ -39,7 +39,8 @@ class Bag:
         from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
         from rosbags.typesys import Stores, get_typestore
 
-        self.path, self.counts, self.lost = path, dict.fromkeys(RECORDED, 0), Counter[str]()
+        self._recorded = {**RECORDED, topics.IMU: topics.imu().kind}
+        self.path, self.counts, self.lost = path, dict.fromkeys(self._recorded, 0), Counter[str]()
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._node: Node | None = None
         self._subscriptions: dict[str, Any] = {}
@@ -57,7 +58,7 @@ class Bag:
         """Subscribe to all topics; `write` takes the messages without an executor."""
         without: Any = {'start_parameter_services': False, 'enable_rosout': False}
         self._node = Node('bag', namespace=namespace, **without)
-        for topic, kind in RECORDED.items():
+        for topic, kind in self._recorded.items():
             # The publishers offer the same, apart from the depth.
             qos = deep()
             if topic == ROSOUT.path:

@@ -26,7 +26,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     add = parser.add_argument
     add('flights', nargs='+', type=Path, metavar='FLIGHT',
-        help='CSV, npz or ULog; with several, R^2 is that of each flight by the others')
+        help='CSV, npz, ULog or a bag; with several, R^2 is that of each flight by the others')
     add('vehicle', help='a shipped vehicle or a parameter file, with mass, arms and a first guess '
         'of the inertia')
     add_recording(parser)

@@ -24,7 +24,7 @@ MINUTE = 60.0  # of the picture [s]
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     add = parser.add_argument
-    add('flight', type=Path, metavar='FLIGHT', help='CSV, npz or ULog: see docs/identify.md')
+    add('flight', type=Path, metavar='FLIGHT', help='CSV, npz, ULog, bag: see docs/identify.md')
     add('vehicle', help='a shipped vehicle or a parameter file, with the settings detector.*')
     add_recording(parser)
     add('--inject', action='append', default=[], metavar='ROTOR@T', help='take a rotor from the '

@@ -13,6 +13,7 @@ from ca_ros.arrays import Array
 from ca_ros.errors import message
 from ca_ros.input_files import check_file
 from ca_ros.settings import ParameterError
+from ca_ros.vehicle.formats.bag import streams_of
 
 STREAMS = {
     'command': ('command_', ''), 'gyro': ('gyro_', 'xyz'), 'acc': ('acc_', 'xyz'),
@@ -29,7 +30,7 @@ STEP_MAX = 0.5  # the median step of a gyro is below it [s]
 VALUE_MAX = 1e9  # greatest number of a stream
 
 RECORDING_MAX = 1_000_000_000  # greatest size of a file [bytes]
-SUFFIXES = '.csv', '.npz', '.ulg'
+SUFFIXES = '.csv', '.npz', '.ulg', '.mcap', '.db3'
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,7 @@ def read_recording(file: str | Path, rotors: int, frame: str = 'flu') -> Recordi
         where all its cells are filled, as in the ``flight.csv`` of bringup.  Or an npz
         file with the same names, or with arrays (K, c) by the names of the streams, each with an
         array ``t_NAME`` if its times are not ``t``.  Or a log of PX4 (.ulg), if pyulog is
-        installed.
+        installed, or a bag, if rosbags is: see `ca_ros.vehicle.formats.bag`.
     rotors : int
         Number of rotors of the vehicle.
     frame : {'flu', 'frd'}
@@ -89,13 +90,15 @@ def read_recording(file: str | Path, rotors: int, frame: str = 'flu') -> Recordi
         columns, times do not increase or are not in seconds, or a value cannot be.
     """
     path = Path(file)
-    if path.suffix not in SUFFIXES:
+    bag = (path / 'metadata.yaml').is_file()
+    if not bag and path.suffix not in SUFFIXES:
         raise ParameterError(
-            f'{path}: expected a flight in a file {", ".join(SUFFIXES)}; convert a bag to one')
-    check_file(path, RECORDING_MAX)
+            f'{path}: expected a flight in a file {", ".join(SUFFIXES)}, or a bag')
+    for part in path.iterdir() if bag else [path]:
+        check_file(part, RECORDING_MAX)
     try:
-        read = {'.csv': _from_csv, '.npz': _from_npz, '.ulg': _from_ulog}[path.suffix]
-        columns = read(path)
+        read = {'.csv': _from_csv, '.npz': _from_npz, '.ulg': _from_ulog}
+        columns = read.get('' if bag else path.suffix, _from_bag)(path)
     except (OSError, UnicodeDecodeError, csv.Error, ValueError, KeyError) as error:
         raise ParameterError(message(error, path)) from None
     try:
@@ -163,6 +166,14 @@ def _from_ulog(path: Path) -> dict[str, Array]:
             # The motors that an airframe does not have are not a number.
             there = np.isfinite(table).any(axis=0) | (name != 'command')
             columns |= _columns(name, table[:, there])
+    return columns
+
+
+def _from_bag(path: Path) -> dict[str, Array]:
+    """Return the streams of a bag as columns."""
+    columns: dict[str, Array] = {}
+    for name, (times, table) in streams_of(path).items():
+        columns |= {f't_{name}': times, **_columns(name, table)}
     return columns
 
 
