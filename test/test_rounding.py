@@ -160,10 +160,10 @@ SHARED = {
         **{name: getattr(pairs, name) for name in ('LEAST_LOSS', 'MOST_LOSS', 'PAIRED')},
         'CONTACT': disturbances.CONTACT, 'LIMIT': losses.LIMIT, 'PRIOR': losses.PRIOR,
         **{name: getattr(motion_test, name) for name in (
-            'CONFIRMATIONS', 'RECENT', 'TOLD', 'TOTAL', 'SUSPICION', 'PATIENCE', 'ACQUAINTED',
+            'CONFIRMATIONS', 'RECENT', 'TOTAL', 'SUSPICION', 'PATIENCE', 'ACQUAINTED',
             'SETTLING')},
         **{name: getattr(rotor_beliefs, name) for name in (
-            'REFINED', 'USELESS', 'IN_A_ROW', 'CERTAIN')},
+            'REFINED', 'USELESS', 'IN_A_ROW', 'CERTAIN', 'TOLD')},
         **{name: getattr(noise_estimator, name) for name in (
             'FLOOR', 'OUTLIER', 'TIME_ERROR', 'COMMON_ERROR', 'LEARNT')},
         'LEARNING': noise_estimator.LEARNING[0], 'LONG_LEARNING': noise_estimator.LEARNING[1],

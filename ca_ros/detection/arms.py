@@ -64,3 +64,12 @@ def compared(
     others[:, range(len(arms)), range(len(arms))] = 0.0
     ratios = others.sum(axis=2) - 2.0 * own
     return np.asarray(ratios[abs(ratios).argmax(axis=0), range(len(arms))])
+
+
+def unknown(given: Array, arms: Sequence[tuple[int, int]], lost: Array) -> Array:
+    """Return the variance (T, 6) of what arms lack, since which rotor has failed is unknown.
+
+    `given`, `arms` and `lost`: see `compared`.
+    """
+    first, second = np.array(arms, int).reshape(-1, 2).T
+    return np.asarray(((lost * (given[:, :, first] - given[:, :, second])) ** 2).sum(axis=2))

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.detection.arms import as_effectors, compared, partners
+from ca_ros.detection.arms import as_effectors, compared, partners, unknown
 from ca_ros.detection.disturbances import Disturbances
 from ca_ros.detection.leads import LASTING, gathered, owed
 from ca_ros.detection.losses import LIMIT, Losses, least_shares, losses_of
@@ -201,7 +202,7 @@ class HypothesisTest:
     def __call__(
         self, ages: Array, lacked: Array, given: Array, lateral: Array, variance: Array,
         health: Array, peaks: Array, usual: Array, leads: Array, block: float,
-        arms: Sequence[tuple[int, int]] = (), known: bool = True,
+        arms: Sequence[tuple[int, int]] = (), lost: ArrayLike = (), known: bool = True,
     ) -> Finding:
         """Test windows.
 
@@ -215,12 +216,15 @@ class HypothesisTest:
         - `leads` (n,): what each rotor has gathered
         - `block`: time since the last test [s]
         - `arms`: the named ones
+        - `lost` (m,): what both rotors of each are taken to have lost
         - `known`: whether it flies for long enough that its trim is known: before, no two rotors
           are named, which together explain almost any trim, and no weak one
         """
         n, longest = len(health), len(ages) - 1
         own = given[:, :, :n]
-        health, signature, error = as_effectors(health, *self.signatures(own, lateral), arms)
+        signature, error = self.signatures(own, lateral)
+        variance = variance + unknown(signature, arms, np.asarray(lost))
+        health, signature, error = as_effectors(health, signature, error, arms)
         seen = (lacked**2 / variance).sum(axis=1)
         losses = losses_of(
             lacked, signature, error, variance, seen, least_shares(ages, own, peaks), health)

@@ -25,10 +25,6 @@ TOTAL = 0.8
 """Greatest loss of a rotor that is not lost when it is named: one that keeps less would be given
 commands so low that its health cannot be estimated further."""
 
-TOLD = 1_000_000_000
-"""Time after its name in which it may show which rotor of an arm has failed [ns].  Later, what
-this rotor lacks has been learnt as a mean disturbance, and points to the other one."""
-
 SUSPICION, PATIENCE = 6.0, 1.0
 """Evidence from which the noise is not learnt, and for how long at most [s]."""
 
@@ -202,7 +198,9 @@ class MotionTest:
         spread = usual.spread(windows.ages, self._measured)
         failed = beliefs.age(block)
         seen = 0.5 * max((windows.lacked**2 / spread).dot(ALL).tolist())
-        quiet = not failed and seen <= SUSPICION
+        # While an arm may be told, what it lacks is not learnt.
+        settled = not failed and not beliefs.new_arms(time)
+        quiet = settled and seen <= SUSPICION
         if quiet or self._blind:
             # No evidence exceeds what is seen.
             self._clear_suspicion()
@@ -215,13 +213,13 @@ class MotionTest:
         found = self.hypotheses(
             windows.ages, windows.lacked, impulses, windows.lateral, variance, beliefs.health,
             self._peaks, usual.thrusts, self._leads, block, tuple(beliefs.arms),
-            usual.flown > LEARNING[0])
+            beliefs.lost_by_arms(), usual.flown > LEARNING[0])
         self._leads = found.leads
         if found.greatest > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
             self.forget()
             return False
-        suspected = found.greatest > SUSPICION or bool(failed)
+        suspected = found.greatest > SUSPICION or not settled
         changed = self._refine(found, failed)
         changed = self._tell_arms(time, impulses, variance) or changed
         self._waited = self._waited + block if suspected else 0.0
@@ -316,12 +314,12 @@ class MotionTest:
     def _tell_arms(self, time: int, impulses: Array, variance: Array) -> bool:
         """Tell which rotors of new arms have failed, where it shows; return whether it does."""
         windows, arms, told = self._windows, self.beliefs.arms, []
-        new = [pair for pair in arms if time - (self.beliefs.since[pair[0]] or 0) < TOLD]
+        new = self.beliefs.new_arms(time)
         if not new:
             return False
         evidences = self.hypotheses.of_arms(
             windows.lacked, impulses, windows.lateral, variance, list(arms),
-            np.array([self.beliefs.lost(rotor) for rotor, _ in arms]))
+            self.beliefs.lost_by_arms())
         for (pair, count), evidence in zip(arms.items(), evidences.tolist(), strict=True):
             if pair not in new:
                 continue

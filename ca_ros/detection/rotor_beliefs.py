@@ -13,6 +13,10 @@ IN_A_ROW = 3  # tests, or measured speeds, one after the other, that change what
 CERTAIN = 0.995  # least probability of a failure that was named
 REFINED = 0.5  # time after a failure in which its health is estimated further [s]
 
+TOLD = 1_000_000_000
+"""Time after its name in which it may show which rotor of an arm has failed [ns].  Later, what
+this rotor lacks has been learnt as a mean disturbance, and points to the other one."""
+
 
 def words_of(rotors: Iterable[int], arms: Iterable[tuple[int, int]]) -> dict[int, str]:
     """Return by rotor its name, such as '3', and for the first of an arm '1 or 2'.
@@ -89,6 +93,14 @@ class RotorBeliefs:
     def name_arm(self, first: int, second: int) -> None:
         """Let one of two rotors have failed, and which one be unknown."""
         self.arms[first, second] = 0
+
+    def new_arms(self, time: int) -> list[tuple[int, int]]:
+        """Return the named arms of which it may show at a time [ns] which rotor has failed."""
+        return [pair for pair in self.arms if time - (self.since[pair[0]] or 0) < TOLD]
+
+    def lost_by_arms(self) -> Array:
+        """Return what both rotors of each named arm are taken to have lost (m,)."""
+        return np.array([self.lost(rotor) for rotor, _ in self.arms])
 
     def close_arms(self) -> None:
         """Let both rotors of each named arm that gives nothing have failed."""

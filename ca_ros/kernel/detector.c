@@ -986,6 +986,27 @@ static void add_model_errors(const ca_detector *detector, const ca_block *window
     }
 }
 
+/* Add the variance of what named arms lack, since which rotor has failed is unknown. */
+static void add_unknown(const ca_detector *detector, const ca_block *windows,
+                        ca_real variance[CA_WINDOWS][6])
+{
+    const ca_detector_model *model = detector->model;
+    for (int i = 0; i < ROTORS(model); i++) {
+        const ca_real lost = detector->announced[i] - detector->health[i];
+        ca_real given[6], others[6], error[6];
+        if (!detector->arm[i] || partner_of(model, i) < i)
+            continue;
+        for (int t = 0; t < CA_WINDOWS; t++) {
+            signature_of(model, &windows[t], i, 1, given, error);
+            signature_of(model, &windows[t], partner_of(model, i), 1, others, error);
+            for (int k = 0; k < 6; k++) {
+                const ca_real apart = lost * (given[k] - others[k]);
+                variance[t][k] += apart * apart;
+            }
+        }
+    }
+}
+
 /* Set the probabilities of a disturbance, and of the loss of each rotor that has not failed yet. */
 static void set_probabilities(ca_detector *detector, const finding *found, ca_real score)
 {
@@ -1027,7 +1048,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     const int n = ROTORS(model);
     const ca_real block = detector->sums.length;
     ca_block windows[CA_WINDOWS];
-    ca_real spread[CA_WINDOWS][6], variance[CA_WINDOWS][6], greatest = 0;
+    ca_real spread[CA_WINDOWS][6], variance[CA_WINDOWS][6], known[CA_WINDOWS][6], greatest = 0;
     finding found;
     /* A stuck rotor is commanded less and less, so a suspicion keeps the greatest thrusts. */
     const ca_real recent = detector->waited > 0 ? 0 : settled(block / RECENT);
@@ -1046,11 +1067,13 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         return 0;
     }
     sum_windows(detector, windows);
-    int refining = 0, young[CA_N];
+    int refining = 0, arms = 0, young[CA_N];
     for (int i = 0; i < n; i++) {
         young[i] = detector->refined[i] < REFINED;
         detector->refined[i] += block;
-        refining |= young[i];
+        arms |= detector->arm[i];
+        /* While an arm may be told, what it lacks is not learnt. */
+        refining |= young[i] || (detector->arm[i] && time - detector->since[i] < TOLD);
     }
     for (int t = 0; t < CA_WINDOWS; t++) {
         ca_real sum = 0;
@@ -1074,6 +1097,10 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         return 0;
     }
     add_model_errors(detector, windows, variance);
+    if (arms) {
+        memcpy(known, variance, sizeof known);
+        add_unknown(detector, windows, variance);
+    }
     test(detector, windows, block, (const ca_real(*)[6])variance, &found);
     ca_copy(n, found.leads, detector->leads);
     ca_real score = found.disturbance;
@@ -1085,7 +1112,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         return 0;
     }
     int changed = refine(detector, &found, young);
-    changed |= tell_arms(detector, time, windows, (const ca_real(*)[6])variance);
+    changed |= arms && tell_arms(detector, time, windows, (const ca_real(*)[6])known);
     detector->waited = score > SUSPICION || refining ? detector->waited + block : 0;
     detector->suspect = found.evidence[found.rotor] > LIMIT ? found.rotor : -1;
     learn(detector, block, spread, windows, thrusts, moving);
