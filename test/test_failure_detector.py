@@ -988,6 +988,18 @@ def test_a_rotor_that_would_lack_more_than_it_has_is_named_later(known):
     assert (names.index((2,)) > 20) == known
 
 
+def test_an_arm_is_named_for_a_weak_rotor_whose_partner_owes_a_lead():
+    vehicle = Vehicle.load('x8')
+    wrenches = rotor_wrenches(vehicle)
+    find, given = HypothesisTest(vehicle, wrenches), 2.0 * 0.16 * wrenches[None]
+    variance = np.array([[1e-3, 1e-3, 1e-3, 1e-6, 1e-6, 0.01]])
+    found = find(
+        np.array([0.16]), -0.4 * given[:, :, 0], given, np.zeros((1, 2)), variance, np.ones(8),
+        np.zeros(8), np.full(8, 9.0), np.array([4.0, -8.0, *np.zeros(6)]), 0.01)
+    assert found.lasting
+    assert (found.named, found.arms) == ((0, 1), ((0, 1),))
+
+
 def test_the_score_of_a_servo_is_the_reduction_of_chi_square_at_its_angle():
     servos, rng = Vehicle.load('hexarotor_tilting').servos, np.random.default_rng(0)
     lacked, given = rng.standard_normal((2, 6)), rng.standard_normal((2, 6, 18))

@@ -254,7 +254,9 @@ class HypothesisTest:
         if lasting:
             rotor, window = int(leads.argmax()), longest
             share = min(losses.raw[longest, rotor], health[rotor])
-            name = self._name(rotor, share, np.where(health > 0.0, leads, -np.inf))
+            # What its partner owes does not tell the two apart.
+            lead = np.where(health > 0.0, np.maximum(leads, 0.0), -np.inf)
+            name = self._name(rotor, share, lead)
         return Finding(
             evidence, disturbance, rotor, name.rotors, name.arms, name.lost, name.angle, window,
             leads, lasting, losses.raw[longest], losses.errors[longest])

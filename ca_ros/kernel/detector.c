@@ -538,7 +538,7 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
     found->lasting = 1;
     name(found, top, ca_min(found->shares[top], found->levels[top]), partner,
          partner >= 0 && found->levels[partner] > 0 &&
-             found->leads[top] - found->leads[partner] <= ODDS);
+             found->leads[top] - ca_max(found->leads[partner], 0) <= ODDS);
 }
 
 /* What the loss of a share of one rotor's thrust explains of a window. */
