@@ -1,5 +1,6 @@
 """The plant on which the detector is counted: laws of motion, of rotors, air and ground."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -320,7 +321,16 @@ def test_the_contacts_of_mujoco_carry_the_vehicle_and_give_as_many_landings():
 def test_help_is_printed(capsys):
     with pytest.raises(SystemExit, match='0'):
         main(['--help'])
-    assert '50 %' in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert '50 %' in said
+    example = re.search('as in ([a-z_]+)=', ' '.join(said.split()))[1]
+    assert example in DetectorSettings.__dataclass_fields__
+
+
+def test_a_setting_that_is_none_is_refused(capsys):
+    with pytest.raises(SystemExit, match='2'):
+        main(['--set', 'certainty=0.99'])
+    assert re.search('certainty: no setting .* expected .* delay, ', capsys.readouterr().err)
 
 
 def test_tables_know_arms_and_intervals():

@@ -27,6 +27,7 @@ from benchmarks.detection.flights import (
     fly,
 )
 from benchmarks.detection.reallocation import ACTING, WAYS, act, call, fly_on
+from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.errors import CaRosError
 
 BLOCK = 10  # flights of a job
@@ -35,6 +36,10 @@ TAKE_OFF = ('landings',)  # where rotors are lost soon after a take-off
 
 def _setting(text: str) -> tuple[str, float]:
     name, _, value = text.partition('=')
+    known = DetectorSettings.__dataclass_fields__
+    if name not in known:
+        raise argparse.ArgumentTypeError(
+            f'{name}: no setting of the detector; expected one of {", ".join(known)}')
     return name, float(value)
 
 
@@ -130,7 +135,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         help=f'of failures: {", ".join(LOSSES).replace("%", "%%")}')
     add('--causes', action='store_true', help='conditions in which one thing alone is not ideal')
     add('--set', dest='settings', type=_setting, nargs='+', default=[], metavar='NAME=VALUE',
-        help='settings of the detector, as in certainty=0.99')
+        help='settings of the detector, as in velocity_noise=0.05')
     add('--imu', nargs='?', const='beside', default='', choices=['beside', 'alone'],
         help='the detector gets the specific force, too, or angular velocity and this alone')
     add('--publish', action='store_true', help=f'seeds from {PUBLISHED} on')
