@@ -5,6 +5,7 @@ import shutil
 import subprocess
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -220,6 +221,67 @@ def test_the_header_is_for_cpp(exported, tmp_path):
     subprocess.run(['g++', *flags, source, library, '-o', program], check=True)
     # Hover after the loss of rotor 1 leaves a yaw torque.
     assert subprocess.run([program]).returncode == Status.PRIORITIZED
+
+
+EXAMPLE = re.compile(r'^ \*     \S.*\n(?:^ \*(?:     .*)?\n)*', re.MULTILINE)
+DOCS = Path(__file__).parent.parent / 'docs'
+
+
+def examples(folder, name):
+    """Return the examples in C of the headers of an export, and those of its README."""
+    headers = ''.join(file.read_text(encoding='utf-8') for file in folder.glob(f'{name}*.h'))
+    found = [re.sub('(?m)^ \\*', '', block) for block in EXAMPLE.findall(headers)]
+    readme = (folder / 'README.md').read_text(encoding='utf-8')
+    return found, re.findall(r'^```c\n(.*?)^```$', readme, re.MULTILINE | re.DOTALL)
+
+
+def run_example(folder, declared, body):
+    """Compile a program with the library of an export, and return its exit code."""
+    make(folder)
+    source, program = folder / 'build' / 'example.c', folder / 'build' / 'example'
+    source.write_text(f'{declared}\nint main(void)\n{{\n{body}\n}}\n', encoding='utf-8')
+    [library] = (folder / 'build').glob('*.a')
+    options = ['-std=c99', '-Wall', '-Wextra', '-Wpedantic', '-Werror', f'-I{folder}']
+    subprocess.run(['gcc', *options, source, library, '-lm', '-o', program], check=True)
+    return subprocess.run([program]).returncode
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('name', 'options'), [
+    ('hexarotor', []), ('azimuth_boat', ['--precision', 'double'])])
+def test_the_examples_of_readme_and_page_run(name, options, tmp_path):
+    needs('make', 'gcc')
+    assert main(['--vehicle', name, '--out', str(tmp_path), *options]) == 0
+    headers, readme = examples(tmp_path, name)
+    assert not headers
+    assert len(readme) == 1
+    if name == 'hexarotor':
+        page = (DOCS / 'firmware.md').read_text(encoding='utf-8')
+        readme += re.findall(r'^```c\n(.*?)^```$', page, re.MULTILINE | re.DOTALL)
+        assert len(readme) == 2
+    for text in readme:
+        body = f'{text}return status;'
+        assert run_example(tmp_path, f'#include "{name}.h"', body) == Status.EXACT
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('precision', length(['single'], PRECISIONS))
+def test_the_example_of_the_header_of_the_detector_flies(precision, tmp_path):
+    needs('make', 'gcc')
+    given = ['--faults', 'none', '--detector', '--precision', precision]
+    assert main(['--vehicle', 'hexarotor', '--out', str(tmp_path), *given]) == 0
+    [example], _ = examples(tmp_path, 'hexarotor')
+    declared = f'#include "golden_flight.h"\n{example}'
+    assert run_example(tmp_path, declared, """
+        const ca_real hover[CA_M] = {9.81f};
+        const int count = (int)(sizeof flight / sizeof *flight);
+        ca_real speeds[CA_N];
+        start();
+        for (int i = 0; i < count; i++)
+            step((int64_t)i * 10000000, flight[i].state, flight[i].state + 4,
+                 flight[i].state + 10, HEXAROTOR_NO_FAULT, hover, speeds);
+        return detector.health[0] < 1 ? 7 : 8;
+        """) == 7
 
 
 # Golden vectors

@@ -1,11 +1,22 @@
 /* The detector of rotor failures of the vehicle {{ name }}: states and commanded rotor speeds in, the
  * health of the rotors out. Written by the command firmware of ca_ros.
  *
- *     static ca_detector detector;                           all memory: sizeof(ca_detector)
- *     ca_detector_start(&detector, &{{ name }}_detector);
- *     ca_detector_command(&detector, time, speeds);          with each command
- *     if (ca_detector_observe(&detector, time, attitude, motion))     with each state
- *         ... detector.health[i] < 1: choose the fault of {{ name }}.h, until ca_detector_reset
+ *     static ca_detector detector; // all memory: sizeof(ca_detector)
+ *
+ *     void start(void)
+ *     {
+ *         ca_detector_start(&detector, &{{ name }}_detector);
+ *     }
+ *
+ *     // With each state. specific_force is 0 where there is no accelerometer.
+ *     void step(int64_t time, const ca_real *attitude, const ca_real *motion,
+ *               const ca_real *specific_force, int fault, const ca_real *wrench, ca_real *speeds)
+ *     {
+ *         ca_detector_observe(&detector, time, attitude, motion, specific_force);
+ *         // Choose the fault by detector.health[i] < 1, until ca_detector_reset.
+ *         {{ name }}_allocate(fault, wrench, speeds);
+ *         ca_detector_command(&detector, time, speeds);
+ *     }
  */
 #ifndef {{ NAME }}_DETECTOR_H
 #define {{ NAME }}_DETECTOR_H
