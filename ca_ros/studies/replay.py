@@ -50,6 +50,13 @@ def run(options: argparse.Namespace) -> None:
             raise ParameterError(
                 f'--inject {rotor + 1}@{time:g}: expected a time before the end, {end:.2f} s')
     found = replay(vehicle, recording, settings, motion)
+    for rotor, time in losses:
+        i = int(np.searchsorted(found.times, time))
+        if not found.tested[i:i + 1].all():
+            later = found.times[i:][found.tested[i:]]
+            begin = f', but from {later[0]:.2f} s on' if len(later) else ', nor later'
+            raise ParameterError(
+                f'--inject {rotor + 1}@{time:g}: nothing is tested then{begin}')
     print('\n'.join(report(recording.name, found)))
     for rotor, time in losses:
         lost = without_rotor(vehicle, recording, settings, motion, rotor, time)
@@ -98,7 +105,7 @@ def report(name: str, found: Replay) -> list[str]:
 
 
 def _answer(rotor: int, time: float, found: Replay) -> str:
-    """Return in words what is named of an injected loss, and what kept it from being tested."""
+    """Return in words what is named of an injected loss."""
     after = [each for each in found.named if each.time >= time]
     left = min(WAIT, max(0.0, found.times[-1] - time))
     words = [f'not named within {left:.3g} s']
@@ -106,11 +113,6 @@ def _answer(rotor: int, time: float, found: Replay) -> str:
         words = [f'rotor {after[0].words} named after {1e3 * (after[0].time - time):.0f} ms']
     elif left < WAIT - 0.05:
         words.append('then nothing is recorded')
-    i = int(np.searchsorted(found.times, time))
-    if not found.tested[i:i + 1].all():
-        later = found.times[i:][found.tested[i:]]
-        until = f'before {later[0]:.2f} s' if len(later) else 'in this time'
-        words.append(f'nothing is tested {until}')
     return f'rotor {rotor + 1} taken at {time:g} s: {"; ".join(words)}'
 
 
