@@ -1,5 +1,6 @@
 """The monitor over DDS, and the nodes that heed it."""
 
+import signal
 from itertools import cycle
 
 import numpy as np
@@ -12,6 +13,7 @@ from std_srvs.srv import Trigger
 import ca_ros
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.detector_settings import ImuSettings
+from ca_ros.nodes import messages
 from ca_ros.nodes.messages import fill_imu, speeds_message, speeds_stamp, stamp, state_messages
 from ca_ros.nodes.topics import STANDING
 from ca_ros.simulation.closed_loop import fly
@@ -103,20 +105,72 @@ def test_a_reset_gives_back_what_was_found_but_not_what_is_announced(graph):
     graph.spin_until(
         lambda: vehicle.fly(stopped, lambda health: health == stopped), 'rotor 2 is lost')
     parameters.set({'rotors.health': [1.0, 1.0, 1.0, 1.0, 0.5, 1.0]})
-    graph.spin_until(lambda: list(reports[-1].data) == [1, 0, 1, 1, 0.5, 1], 'both are known')
+    diagnostics = Diagnostics(graph)
+
+    def knows(health, *failed):
+        diagnostics.wait(
+            'monitor', lambda *status: status[2]['health'] == health, f'health {health}')
+        found = [0.0 if i + 1 in failed else 1.0 for i in range(6)]
+        graph.spin_until(lambda: list(reports[-1].data) == found, f'{failed} is found')
+
+    knows('1, 0, 1, 1, 0.5, 1', 2)
+    reset(graph)
+    knows('1, 1, 1, 1, 0.5, 1')
+    announced = graph.node.create_publisher(
+        Float64MultiArray, 'rotor_health/announced', STANDING)
+    for health in ([0, 1, 1, 1, 1, 1], [1, 1, 1, 1, 1, 1]):
+        announced.publish(health_message(*health))
+        # This is known, but it is not found.
+        knows(f'{health[0]}, 1, 1, 1, 0.5, 1')
+    assert monitor.poll() is None
+
+
+def reset(graph):
+    """Reset the monitor."""
     client = graph.node.create_client(Trigger, 'monitor/reset')
     assert client.wait_for_service(10.0)
     answer = client.call_async(Trigger.Request())
     graph.spin_until(answer.done, 'reset')
     assert answer.result().success
-    graph.spin_until(lambda: list(reports[-1].data) == [1, 1, 1, 1, 0.5, 1], 'as announced')
-    announced = graph.node.create_publisher(
-        Float64MultiArray, 'rotor_health/announced', STANDING)
-    for health in ([0, 1, 1, 1, 1, 1], [1, 1, 1, 1, 1, 1]):
-        announced.publish(health_message(*health))
-        told = [*health[:4], 0.5, 1]
-        graph.spin_until(lambda told=told: list(reports[-1].data) == told, 'what others announce')
-    assert monitor.poll() is None
+    graph.node.destroy_client(client)
+
+
+def test_a_monitor_that_starts_again_gives_no_lost_rotor_back(graph):
+    """In allocator and controller; a loss that it finds itself counts beside the others."""
+    start = 'monitor', '--vehicle', 'hexarotor'
+    monitor = graph.start(*start)
+    for name in ('allocator', 'controller'):
+        graph.start(name, '--vehicle', 'hexarotor')
+    vehicle, diagnostics = Vehicle(graph), Diagnostics(graph)
+    for name in ('monitor', 'allocator', 'controller'):
+        graph.connect(name)
+    reports = vehicle.reports
+
+    def lost(rotors, words=''):
+        for name in ('allocator', 'controller'):
+            diagnostics.wait(
+                name, lambda _, message, values: (
+                    values['lost rotors'] == rotors and words in message), f'{rotors} lost')
+
+    def found(*failed):
+        turning = [0.0 if i + 1 in failed else 1.0 for i in range(6)]
+        graph.spin_until(
+            lambda: vehicle.fly(turning, lambda health: health == turning), f'{failed} found')
+
+    found(2)
+    lost('2')
+    graph.end(monitor, signal.SIGKILL)
+    reports.clear()
+    graph.start(*start)
+    graph.spin_until(lambda: reports, 'the new monitor')
+    assert list(reports[-1].data) == [1.0] * 6
+    lost('2', 'another monitor found, until monitor/reset: rotor 2 at 0')
+    found(4)
+    lost('2, 4')
+    reset(graph)
+    lost('none')
+    found(4)
+    lost('4')
 
 
 class Vehicle:
@@ -317,3 +371,21 @@ def test_the_allocator_uses_the_least_health_and_knows_it_after_a_restart(graph)
 
     allocator.diagnostics.wait('allocator', warned, 'a warning that the monitor has ended')
     allocator.commands(lost(3), 'rotor 3 is still lost')
+
+
+def test_of_two_monitors_each_replaces_what_it_has_found_itself_until_a_reset(graph):
+    allocator = Allocator(graph)
+    allocator.start()
+
+    def say(origin, *failed):
+        health = np.array([0.0 if i + 1 in failed else 1.0 for i in range(6)])
+        message = messages.health_message(health, (), origin)
+        allocator.health.publish(messages.fill_speeds(message, health, None))
+
+    for origin, failed, together in (
+        ('start 1', [2], [2]), ('start 2', [], [2]), ('start 2', [3], [2, 3]),
+        ('start 1', [4], [3, 4]), ('reset 3', [], []), ('start 2', [3], [3]),
+        ('reset 3', [2], [2, 3]), ('reset 4', [6], [6]),
+    ):
+        say(origin, *failed)
+        allocator.commands(lost(*together), f'{origin}: {failed}')

@@ -1,6 +1,6 @@
 """What a node believes of the vehicle: its parameters, and what others report."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from math import inf
 from time import monotonic
@@ -13,7 +13,13 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros.allocation.reconfiguration import Failures, Reconfiguration
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics, Level
-from ca_ros.nodes.messages import failed_arms, read_announcement, speeds_stamp
+from ca_ros.nodes.messages import (
+    RESET,
+    failed_arms,
+    origin_of,
+    read_announcement,
+    speeds_stamp,
+)
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import Streams
 from ca_ros.nodes.topics import STANDING, standing
@@ -33,8 +39,9 @@ class Belief:
     The health in use is the least, for each rotor, of the parameter `rotors.health` and of the
     last sound messages on `rotor_health` and `rotor_health/announced`; the second one may also
     name servos that stick.  The last message on `rotor_health` holds if its publisher ends, with a
-    warning, and so does the last sound voltage on `battery`; before the first one, the bounds are
-    those of the settings.
+    warning, and what it says of failures also if another one starts, until that is reset.  So does
+    the last sound voltage on `battery`; before the first one, the bounds are those of the
+    settings.
 
     `make`: see `Reconfiguration`.  `changed`: called when something else is in force; it only
     assigns.
@@ -54,6 +61,7 @@ class Belief:
         self._changed = changed
         self.current = self.made_by(parameters.settings, make)
         parameters.on_change(self.current.prepare, self._use)
+        self._monitors: dict[str, Failures] = {}
         self._health_time = -1
         self._voltage_time = inf
         self._logged_audit: Audit | None = None
@@ -138,6 +146,9 @@ class Belief:
         topic = self.health_topic
         if topic in self.current.reported and not self._node.count_publishers(topic):
             found.append((WARN, f'the publisher of {topic} has ended: its last one holds'))
+        for failures in [*self._monitors.values()][:-1]:
+            if (text := self._reductions(failures)) != self.sound:
+                found.append((WARN, f'another monitor found, until monitor/reset: {text}'))
         if self.current.fault:
             found.append((ERROR, f'not in force: {self.current.fault}'))
         return [*found, (ERROR, self.audit.summary)] if self._faulty else found
@@ -189,11 +200,27 @@ class Belief:
         self._diagnostics.warn('health', f'refused {why}')
 
     def _receive_health(self, message: Float64MultiArray) -> None:
-        arms = failed_arms(message)
-        if self._report(topics.ROTOR_HEALTH.name, np.array(message.data), None, arms):
-            time = speeds_stamp(message)
-            self._health_time = -1 if time is None else time
-            self._answer()
+        said = Failures(np.array(message.data), failed_arms(message), {})
+        origin = origin_of(message)
+        before = self._monitors.get(origin)
+        if before is None or said.key != before.key:
+            try:
+                self.current.check(said.health, None, said.arms)
+            except ParameterError as error:
+                self._refuse(str(error))
+                return
+            if before is None:
+                self._monitors = {
+                    each: found for each, found in self._monitors.items()
+                    if not origin.startswith(RESET)
+                    # Of those that find nothing the monitors that were reset stay known.
+                    and (each.startswith(RESET) or found.health.min() < 1.0)}
+            self._monitors[origin] = said
+            health, arms, _ = _least(self._monitors.values())
+            self._report(topics.ROTOR_HEALTH.name, health, None, arms)
+        time = speeds_stamp(message)
+        self._health_time = -1 if time is None else time
+        self._answer()
 
     def _receive_announcement(
         self, message: Float64MultiArray, name: str = topics.ANNOUNCED_HEALTH.name
@@ -227,3 +254,10 @@ class Belief:
         found = [f'{self.current.effector} {i + 1} at {health[i]:.3g}' for i in below]
         found += [self.stuck[1].format(*pair) for pair in stuck.items()]
         return ', '.join(found) or self.sound
+
+
+def _least(monitors: Iterable[Failures]) -> Failures:
+    """Return what monitors say together: the least health of each rotor, and all arms."""
+    found = [*monitors]
+    arms = dict.fromkeys(arm for each in found for arm in each.arms)
+    return Failures(np.min([each.health for each in found], axis=0), tuple(arms), {})

@@ -20,6 +20,8 @@ NO_STAMP = 'no stamp'  # label of rotor speeds that answer no command
 
 DIGITS = re.compile('[0-9]{1,19}')
 ARM = re.compile('arm ([0-9]{1,4}) ([0-9]{1,4})')
+START, RESET = 'start', 'reset'
+ORIGIN = re.compile(f'({START}|{RESET}) [0-9]{{1,19}}')
 TIME_MAX = 2**31 * 1_000_000_000  # the end of the stamps of ROS [ns]
 
 HEADER, NUMBERS = Struct('<iII'), Struct('<6d')  # stamp, length of the frame; six numbers
@@ -77,15 +79,18 @@ def fill_speeds(message: Float64MultiArray, speeds: Array, time: int | None) -> 
     return message
 
 
-def health_message(health: Array, arms: Iterable[tuple[int, int]]) -> Float64MultiArray:
+def health_message(
+    health: Array, arms: Iterable[tuple[int, int]], origin: str
+) -> Float64MultiArray:
     """Return the health (n,) of rotors, as a `speeds_message` to be filled.
 
     For each arm of which one rotor has failed, and which one is unknown, the layout has a further
-    dimension with a label such as 'arm 1 2': see `Vehicle.with_health`.
+    dimension with a label such as 'arm 1 2': see `Vehicle.with_health`.  The label of the last one
+    is the origin: `START` or `RESET` and the time since which the monitor has found this [ns].
     """
     message = speeds_message(health, None, 'rotor health')
-    message.layout.dim += [
-        MultiArrayDimension(label=f'arm {i} {j}', size=1, stride=1) for i, j in arms]
+    labels = [*(f'arm {i} {j}' for i, j in arms), origin]
+    message.layout.dim += [MultiArrayDimension(label=each, size=1, stride=1) for each in labels]
     return message
 
 
@@ -93,6 +98,12 @@ def failed_arms(message: Float64MultiArray) -> tuple[tuple[int, int], ...]:
     """Return the arms of a `health_message`."""
     found = (ARM.fullmatch(dimension.label) for dimension in message.layout.dim)
     return tuple((int(arm[1]), int(arm[2])) for arm in found if arm)
+
+
+def origin_of(message: Float64MultiArray) -> str:
+    """Return the origin of a `health_message`; empty if it has none."""
+    labels = (dimension.label for dimension in message.layout.dim)
+    return next(filter(ORIGIN.fullmatch, labels), '')
 
 
 def speeds_stamp(message: Float64MultiArray) -> int | None:

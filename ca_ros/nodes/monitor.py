@@ -1,6 +1,7 @@
 """The monitor node: states and rotor speeds in, the health of the rotors out."""
 
 from functools import partial
+from time import time_ns
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,8 @@ class MonitorNode(Node):
     """Detects rotor failures, and publishes the health of the rotors.
 
     Where the clock counts, `rotor_health` is published when it changes, otherwise for each state.
-    A failure holds until the service ``~/reset``, also if the monitor ends.
+    A failure holds until the service ``~/reset``, also if the monitor ends, or starts again: each
+    message says since when, and whether a reset began this, for those who know of more.
 
     With `detector.imu_position` it also takes `imu`: between two states the mean of its specific
     force takes the place of the change of velocity.  In real time, until the first state comes,
@@ -65,6 +67,7 @@ class MonitorNode(Node):
         self._ahead: int | None = None
         self._settled = 0
         self._published: object = None
+        self._begin(messages.START)
         self._forces = SpecificForces() if settings.detector.has_imu else None
         self._alone: InertialMotion | None = None
         self.diagnostics = Diagnostics(self, 'detection', str(settings.vehicle.name))
@@ -96,6 +99,9 @@ class MonitorNode(Node):
         self.diagnostics.start(
             self._levels, self._values, self.streams, self.watchdog.watch,
             self._publish_announced, log=self.belief.log)
+
+    def _begin(self, how: str) -> None:
+        self._origin = f'{how} {time_ns()}'
 
     def _use(self) -> None:
         self.detector: Detector = self.belief.built
@@ -273,16 +279,20 @@ class MonitorNode(Node):
             self._publish(time)
 
     def _publish(self, time: int | None) -> None:
-        health, arms = self.detector.health, self.detector.failed_arms
-        if (found := (health.tolist(), arms)) != self._published:
+        # What others announce is not found: it ends with their word.
+        unfound = [since is None for since in self.detector.since]
+        health, arms = np.where(unfound, 1.0, self.detector.health), self.detector.failed_arms
+        if (found := (health.tolist(), arms, self._origin)) != self._published:
             if self._published:
                 self.get_logger().error(f'rotor health {np.round(health, 2)}: {self.state()[1]}')
-            self._message, self._published = messages.health_message(health, arms), found
+            self._message = messages.health_message(health, arms, self._origin)
+            self._published = found
         self._health.publish(messages.fill_speeds(self._message, health, time))
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Forget all failures, but not those that are announced."""
         self.detector.reset()
+        self._begin(messages.RESET)
         self._publish(self._observed)
         response.success, response.message = True, 'all rotors are as announced'
         return response
