@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import sensor_msgs.msg as sensor_msgs
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rcl_interfaces.msg import Log
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
@@ -188,9 +189,10 @@ class Vehicle:
     def time(self):
         return self.sent * 10_000_000
 
-    def state(self, velocity=0.0, **attitude):
-        header = Header(stamp=stamp(self.time))
-        pose, twist = PoseStamped(header=header), TwistStamped(header=header)
+    def state(self, velocity=0.0, frames=('', ''), **attitude):
+        pose, twist = (
+            kind(header=Header(stamp=stamp(self.time), frame_id=frame))
+            for kind, frame in zip((PoseStamped, TwistStamped), frames, strict=True))
         for name, number in attitude.items():
             setattr(pose.pose.orientation, name, number)
         twist.twist.linear.x = velocity
@@ -271,6 +273,33 @@ def test_no_message_ends_or_blinds_the_monitor(graph):
     diagnostics.wait(
         'monitor', lambda *status: status[2]['lost rotors'] == '2', 'the values name the rotor')
     assert monitor.poll() is None
+
+
+@pytest.mark.parametrize(('frames', 'words'), [
+    (('odom', 'base_link'), "state in 'odom': expected map (parameter world_frame)"),
+    (('map', 'map'), "state in 'map': expected base_link (parameter command_frame)"),
+])
+def test_the_monitor_drops_states_in_another_frame(graph, frames, words):
+    graph.start('monitor', '--vehicle', 'hexarotor')
+    parameters = graph.connect('monitor')
+    vehicle, diagnostics = Vehicle(graph), Diagnostics(graph)
+    log = graph.listen(Log, '/rosout')
+
+    def told(*status):
+        vehicle.sent += 1
+        vehicle.state(frames=frames, w=1.0)
+        dropped = any(words in line.msg for line in log)
+        return dropped and 'no state yet' in status[1] and 'dropped: frame' in status[2]
+
+    diagnostics.wait('monitor', told, 'dropped')
+    parameters.set({'world_frame': frames[0], 'command_frame': frames[1]})
+
+    def used(*status):
+        vehicle.sent += 1
+        vehicle.state(frames=frames, w=1.0)
+        return 'on the ground' in status[1]
+
+    diagnostics.wait('monitor', used, 'used')
 
 
 class Imu:

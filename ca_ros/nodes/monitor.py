@@ -198,12 +198,22 @@ class MonitorNode(Node):
         self._settled = time + SETTLING
 
     def _receive_pose(self, message: PoseStamped) -> None:
-        self._pose = message
-        self._observe()
+        if self._is_in(message, 'world_frame'):
+            self._pose = message
+            self._observe()
 
     def _receive_velocity(self, message: TwistStamped) -> None:
-        self._velocity = message
-        self._observe()
+        if self._is_in(message, 'command_frame'):
+            self._velocity = message
+            self._observe()
+
+    def _is_in(self, message: PoseStamped | TwistStamped, name: str) -> bool:
+        """Return whether a part of a state is in the frame of this parameter; drop it if not."""
+        expected = getattr(self.parameters.settings, name)
+        fault = messages.wrong_frame(message.header.frame_id, expected, name)
+        if fault:
+            self.diagnostics.drop('frame', f'state {fault}')
+        return not fault
 
     def _receive_imu(self, message: Any) -> None:
         time, forces = messages.nanoseconds(message.header.stamp), self._forces
