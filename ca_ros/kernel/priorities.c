@@ -44,8 +44,9 @@ typedef ca_real real;
 
 /* Rate below which a variable does not depend on another; rates are of the order of 1. */
 #define ZERO CHOOSE(1e-8, 1e-6, 1e-6)
-/* Share of `doubt` below which a rate may be what pivots have made of rounding errors. */
-#define MAGNIFIED REAL(1e-3)
+/* Share of `doubt` below which a rate may be what pivots have made of rounding errors. SLACK is 4500
+ * epsilons in double precision, but 8 in single precision. */
+#define MAGNIFIED CHOOSE(1e-3, 0.5, 1e-3)
 /* Rate below which it is a rounding error. */
 #define NOISE CHOOSE(1e-13, 1e-6, 1e-6)
 /* Rate below which it could be a rounding error that pivots have magnified: if one decides, another
