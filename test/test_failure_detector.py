@@ -988,6 +988,23 @@ def test_a_rotor_that_would_lack_more_than_it_has_is_named_later(known):
     assert (names.index((2,)) > 20) == known
 
 
+def test_a_rotor_that_a_disturbance_leads_far_is_named_later():
+    # A push that looks like its loss, but first turns the vehicle about z, too.
+    find, rng = HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR)), np.random.default_rng(0)
+    age, lacked, given, lateral, variance = windows(rng, lost=0.8)
+    lacked[0, 5] += 0.04
+    for owed, least in ((0.0, -4.0), (-4.0, -4.0), (-15.0, -15.0)):
+        leads = np.array([0.0, 0.0, owed, 0.0, 0.0, 0.0])
+        pushed = find(age, lacked, given, lateral, variance, *UNKNOWN[:3], leads, 0.01)
+        assert pushed.named == ()
+        assert pushed.disturbance - 20.0 > pushed.evidence[2] > 20.0
+        assert pushed.leads[2] == least
+    age, lacked, given, lateral, variance = windows(rng, lost=0.8)
+    leads[2] = -0.5
+    assert find(age, lacked, given, lateral, variance, *UNKNOWN[:3], leads, 0.01).named == ()
+    assert find(age, lacked, given, lateral, variance, *UNKNOWN).named == (2,)
+
+
 def test_an_arm_is_named_for_a_weak_rotor_whose_partner_owes_a_lead():
     vehicle = Vehicle.load('x8')
     wrenches = rotor_wrenches(vehicle)

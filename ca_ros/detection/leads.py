@@ -6,7 +6,9 @@ else is gathered, as its integral over the length of the window, not below zero;
 names a rotor.
 
 A push down on the end of an arm begins with more than a rotor can lack, and lets the rotor owe
-`DEBT`: later, when the controller has answered, the same push may look like a loss.
+`DEBT`: later, when the controller has answered, or the vehicle has turned under the push, the
+same push may look like a loss.  So may one that looked like none before: where a disturbance leads
+a rotor by `LIMIT`, the rotor owes `LASTING`.
 """
 
 from collections.abc import Sequence
@@ -43,18 +45,20 @@ def gathered(
         if partner is not None:
             others[i, partner] = 0.0
     lead = np.minimum(evidence - np.maximum(others.max(axis=1), disturbance), LIMIT)
-    least = np.where(leads < 0.0, -DEBT, 0.0)
-    return np.asarray(np.maximum(leads + block / WINDOWS[-1] * lead, least))
+    return np.asarray(
+        np.maximum(leads + block / WINDOWS[-1] * lead, np.minimum(leads, 0.0)))
 
 
 def owed(
     leads: Array, shares: Array, health: Array, evidence: Array, disturbance: float
 ) -> Array:
-    """Return what each rotor has gathered (n,), where those that would lack too much owe `DEBT`.
+    """Return what each rotor has gathered (n,), less what it owes.
 
     - `leads`, `health` and `evidence` (n,)
     - `shares` (n,): what each would have lost in the window in which a disturbance is likeliest
     - `disturbance`: the evidence for it
     """
-    excess = (evidence > LIMIT) & (shares > EXCESS * health)
-    return np.where(excess & (disturbance - evidence > DOUBT), -DEBT, leads)
+    doubt = np.where(evidence > LIMIT, disturbance - evidence, 0.0)
+    excess = (doubt > DOUBT) & (shares > EXCESS * health)
+    owes = np.where(excess, DEBT, np.where(doubt > LIMIT, LASTING, -np.inf))
+    return np.minimum(leads, -owes)

@@ -504,7 +504,7 @@ static ca_real of_disturbances(const ca_detector_model *model, const ca_block *w
 
 /* Gather how far each rotor leads all else in the longest window; name one that leads for long.
  * Nothing is gathered while the trim is not known.  A rotor that lacks more than it has, `lacking`
- * where a disturbance is likeliest, gets a debt. */
+ * where a disturbance is likeliest, gets a debt, and a smaller one if a disturbance leads it far. */
 static void gather(const ca_detector *detector, const ca_block *window, ca_real block,
                    const ca_real *evidence, ca_real disturbance, const ca_real *lacking,
                    finding *found)
@@ -523,10 +523,11 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
                 rival = ca_max(rival, evidence[j]);
         const ca_real lead = ca_min(evidence[i] - rival, LIMIT), before = detector->leads[i];
         found->leads[i] =
-            ca_max(before + block / WINDOWS[CA_WINDOWS - 1] * lead, before < 0 ? -DEBT : 0);
-        if (lacking[i] > EXCESS * found->levels[i] && found->evidence[i] > LIMIT &&
-            found->disturbance - found->evidence[i] > DOUBT)
-            found->leads[i] = -DEBT;
+            ca_max(before + block / WINDOWS[CA_WINDOWS - 1] * lead, ca_min(before, 0));
+        const ca_real doubt = found->disturbance - found->evidence[i];
+        const int excess = lacking[i] > EXCESS * found->levels[i] && doubt > DOUBT;
+        if (found->evidence[i] > LIMIT && (excess || doubt > LIMIT))
+            found->leads[i] = ca_min(found->leads[i], excess ? -DEBT : -LASTING);
         top = found->leads[i] > found->leads[top] ? i : top;
     }
     if (found->names || !(found->leads[top] > LASTING && evidence[top] > SEEN) ||
