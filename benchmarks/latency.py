@@ -22,7 +22,6 @@ from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 from std_msgs.msg import Header
-from tqdm import tqdm
 
 from benchmarks import wrenches
 from benchmarks.sizes import FULL, Sizes
@@ -189,12 +188,17 @@ class Client:
 def measure(clients: Mapping[str, Client], blocks: int, seconds: float) -> pd.DataFrame:
     """Return the rows of `measure_nodes`; the clients take turns at being the first."""
     rows = []
+    least = len(RATES) * blocks * len(clients) * seconds / 60.0
+    print(f'{", ".join(clients)}: at least {least:.1f} min', flush=True)
     for rate in RATES:
-        for block in tqdm(range(blocks), f'node at {rate:g} Hz', disable=None):
+        for block in range(blocks):
             for kind in list(clients)[:: 1 if block % 2 else -1]:
                 found = clients[kind].ask(rate, max(int(rate * seconds), 10))
                 key = {'part': 'node', 'wrenches': f'{rate:g} Hz', 'contender': kind}
                 rows.append({**key, 'repetition': block, **metrics(found, 1.0 / rate)})
+            medians = (f'{row["contender"]} {1e6 * row["p50"]:.0f} us'
+                       for row in rows[-len(clients):])
+            print(f'{rate:g} Hz, block {block + 1} of {blocks}:', ', '.join(medians), flush=True)
     return pd.DataFrame(rows)
 
 
