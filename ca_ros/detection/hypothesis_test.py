@@ -156,8 +156,9 @@ class HypothesisTest:
     Pairs of rotors are tested where a rotor would be named, in its window: the rotor between two
     that are lost explains their torque, and is not named if a pair leads it by `PAIR_ODDS`.  Where
     a disturbance is over `LIMIT` and no rotor leads it, they are tested in the window in which the
-    disturbance is likeliest.  A pair is named if it leads a rotor by `ODDS`, a disturbance by
-    `MARGIN`, and cannot be a load; of its rotors again the arm if one does not lead its partner.
+    disturbance is likeliest.  A pair is named if it leads rotors and disturbance by `ODDS`, since
+    a push on an arm looks like the loss of the two rotors beside it, and cannot be a load; of its
+    rotors again the arm if one does not lead its partner.
 
     - `vehicle`
     - `wrenches` (6, n): force and torque per thrust of each rotor
@@ -355,7 +356,7 @@ class HypothesisTest:
             case.lacked[window], case.variance[window], given, error,
             np.where(case.held, 0.0, case.health), self.partners)
         force, torque = np.linalg.norm(pair.wrench.reshape(2, 3), axis=1)
-        leads = pair.evidence > max(LIMIT, best + ODDS, case.disturbance + MARGIN)
+        leads = pair.evidence > max(LIMIT, max(best, case.disturbance) + ODDS)
         clear = leads and pair.lead > ODDS and torque >= self.lever * force
         name = self._names(pair.rotors, pair.lost, pair.leads) if clear else _Name()
         return name, pair.evidence

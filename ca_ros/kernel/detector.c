@@ -598,7 +598,7 @@ static void name_now(const ca_detector *detector, const ca_block *windows,
     for (int i = 1; i < n; i++)
         rotor = found->evidence[i] > found->evidence[rotor] ? i : rotor;
     const ca_real best = found->evidence[rotor];
-    const ca_real bound = ca_max(best + ODDS, found->disturbance + MARGIN);
+    const ca_real bound = ca_max(best, found->disturbance) + ODDS;
     found->rotor = rotor;
     found->names = found->lasting = found->pair = 0;
     found->window = likeliest;
