@@ -44,6 +44,14 @@ def test_the_kernel_takes_few_instructions(name):
         assert np.median(kernel) <= OSQP_MEDIAN * np.median(osqp)
 
 
+@pytest.mark.parametrize('name', ['hexarotor', 'octorotor'])
+def test_calls_within_rates_are_hardly_longer(name):
+    """A zero that rounding errors hide would have to be found in double precision."""
+    without, within = firmware.count_rates(name, 'single')
+    assert np.median(within) < 1.6 * np.median(without)
+    assert within.max() < 2.0 * without.max()
+
+
 def test_no_call_takes_more_than_the_bound():
     # Of the tilted hexarotor 1 in 50 of the wrenches outside is served in double precision.
     vehicle = Vehicle.load('hexarotor_tilted')
