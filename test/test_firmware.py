@@ -18,7 +18,7 @@ from ca_ros.firmware import footprint, golden
 from ca_ros.firmware.command import checked, main
 from ca_ros.firmware.detector import STATES, detector_of
 from ca_ros.firmware.export import UNATTAINABLE, identifier
-from ca_ros.firmware.faults import faults_of
+from ca_ros.firmware.faults import arms_of, faults_of
 from ca_ros.firmware.firmware import Firmware
 from ca_ros.firmware.literals import literal
 from ca_ros.firmware.throttles import throttles
@@ -265,23 +265,68 @@ def test_the_examples_of_readme_and_page_run(name, options, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('precision', length(['single'], PRECISIONS))
-def test_the_example_of_the_header_of_the_detector_flies(precision, tmp_path):
+@pytest.mark.parametrize(('name', 'precision', 'hidden', 'fault'), [
+    ('hexarotor', 'single', '', 'ROTOR_1_LOST'), ('x8', 'single', 'state[9] = 0;', 'ARM_1_2'),
+    *length([], [('x8', 'single', '', 'ROTOR_1_LOST'),
+                 ('y6', 'double', 'state[9] = 0;', 'ARM_1_2')]),
+])
+def test_the_example_of_the_header_flies_on_with_what_the_detector_names(
+        name, precision, hidden, fault, tmp_path):
+    """In the golden flight rotor 1 is lost; where yaw does not show that, its arm is named."""
     needs('make', 'gcc')
-    given = ['--faults', 'none', '--detector', '--precision', precision]
-    assert main(['--vehicle', 'hexarotor', '--out', str(tmp_path), *given]) == 0
-    [example], _ = examples(tmp_path, 'hexarotor')
-    declared = f'#include "golden_flight.h"\n{example}'
-    assert run_example(tmp_path, declared, """
-        const ca_real hover[CA_M] = {9.81f};
-        const int count = (int)(sizeof flight / sizeof *flight);
-        ca_real speeds[CA_N];
+    given = ['--vehicle', name, '--out', str(tmp_path), '--precision', precision]
+    assert main([*given, '--detector']) == 0
+    [example], _ = examples(tmp_path, name)
+    declared = f'#include <string.h>\n#include "golden_flight.h"\n{example}'
+    vehicle = Vehicle.load(name)
+    health = firmware_of(name, precision).health
+    healths = f'{{{", ".join(literal(each, precision) for each in health)}}}'
+    assert run_example(tmp_path, declared, f"""
+        const ca_real wrench[CA_M] = {{{vehicle.weight}f}}, all[][CA_N] = {healths};
+        ca_real speeds[CA_N], wanted[CA_N];
+        for (int fault = 0; fault < {len(health)}; fault++)
+            if ({name}_fault_of(all[fault]) != fault)
+                return 2;
+        {name}_allocate({name.upper()}_{fault}, wrench, wanted);
         start();
-        for (int i = 0; i < count; i++)
-            step((int64_t)i * 10000000, flight[i].state, flight[i].state + 4,
-                 flight[i].state + 10, HEXAROTOR_NO_FAULT, hover, speeds);
-        return detector.health[0] < 1 ? 7 : 8;
+        for (int i = 0; i < (int)(sizeof flight / sizeof *flight); i++) {{
+            ca_real state[13];
+            memcpy(state, flight[i].state, sizeof state);
+            {hidden}
+            step((int64_t)i * 10000000, state, state + 4, state + 10, wrench, speeds);
+            if (detector.health[0] < 1)
+                break;
+        }}
+        return !memcmp(speeds, wanted, sizeof speeds) ? 7 : 8;
         """) == 7
+
+
+@pytest.mark.parametrize('name', ['x8', 'y6'])
+def test_each_arm_is_a_fault_that_is_served_as_by_the_allocator(name):
+    """With either of its rotors dead the wrench is that demanded, but for yaw."""
+    firmware, vehicle = firmware_of(name), Vehicle.load(name)
+    sound = make_allocator('exact', vehicle)
+    arms = [(i, i + 1) for i in range(1, vehicle.n, 2)]
+    constants = [fault.constant for fault in firmware.faults]
+    assert constants[vehicle.n + 1:] == [f'ARM_{i}_{j}' for i, j in arms]
+    for fault, arm in enumerate(arms, vehicle.n + 1):
+        pair, health = [i - 1 for i in arm], np.ones(vehicle.n)
+        health[pair] = 0.5
+        allocator = sound.with_health(health, [arm])
+        for u in golden.wrenches(firmware, fault, golden.SIZE):
+            status, speeds = firmware.allocate(fault, u)
+            answer = allocator.allocate(u)
+            assert status == answer.status
+            np.testing.assert_allclose(speeds**2, answer.speeds**2, rtol=1e-9, atol=1e-6)
+            for dead in pair if status == Status.EXACT else ():
+                thrusts = vehicle.thrusts(speeds)
+                thrusts[dead] = 0.0
+                np.testing.assert_allclose((sound.problem.gamma @ thrusts - u)[:3], 0.0, atol=1e-9)
+
+
+def test_rotors_side_by_side_are_no_arm():
+    for name in ('rov', 'azimuth_boat', 'octorotor'):
+        assert not arms_of(Vehicle.load(name))
 
 
 # Golden vectors

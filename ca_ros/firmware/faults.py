@@ -9,6 +9,7 @@ import numpy as np
 
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.exact_settings import ExactSettings
+from ca_ros.detection.arms import COAXIAL, partners
 from ca_ros.problem.audit import VehicleAudit, accept, audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
@@ -16,7 +17,8 @@ from ca_ros.vehicle.failure_words import in_words, read_failures, with_failures
 from ca_ros.vehicle.motors import HEALTH_MIN
 from ca_ros.vehicle.vehicle import Vehicle
 
-CHOICES = ('none', 'single')  # names of sets of faults: no fault, or the loss of each single rotor
+CHOICES = 'none', 'single'
+"""Names of sets of faults: no fault; the loss of each single rotor, and of one of each arm's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,11 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
             for i in np.flatnonzero(vehicle.health >= HEALTH_MIN).tolist():
                 name = f'ROTOR_{i + 1}_LOST'
                 found.append(Fault(name, f'rotor {i + 1} is lost', after({str(i + 1): 0.0})))
+            for i, j in arms_of(vehicle):
+                health = vehicle.health.copy()
+                health[[i - 1, j - 1]] /= 2.0
+                left = audit(report.independent.vehicle.with_health(health, [(i, j)]))
+                found.append(Fault(f'ARM_{i}_{j}', f'one of rotors {i} and {j} is lost', left))
         elif word != 'none':
             try:
                 failures = read_failures(word)
@@ -82,3 +89,17 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
                 raise ParameterError(f'--faults: {error}; or {" or ".join(CHOICES)}') from None
             found.append(Fault(f'FAULT_{len(found)}', in_words(failures), left))
     return found
+
+
+def arms_of(vehicle: Vehicle) -> list[tuple[int, int]]:
+    """Return the coaxial pairs of rotors, from 1, of which a detector may not tell who has failed.
+
+    Both must have thrust, and the same health.  Rotors side by side differ in their yaw.
+    """
+    size = float(np.linalg.norm(vehicle.arms, axis=1).mean()) or 1.0
+    yaw, health = np.cross(vehicle.arms, vehicle.rotor_axes)[:, 2] / size, vehicle.health
+    return [
+        (i + 1, j + 1) for i, j in enumerate(partners(vehicle.wrenches, size))
+        if j is not None and i < j and abs(yaw[i] - yaw[j]) < COAXIAL
+        and health[i] == health[j] >= HEALTH_MIN
+    ]

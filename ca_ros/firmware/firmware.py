@@ -129,6 +129,12 @@ class Firmware:
         axes = self.problem.axes
         return [[axes.index(axis) for axis in fault.problem.axes] for fault in self.faults]
 
+    @property
+    def health(self) -> Array:
+        """For each fault, the health of the rotors (N, n)."""
+        found = [fault.report.vehicle.health for fault in self.faults]
+        return np.array(found).astype(self.dtype)
+
     @cached_property
     def rotors(self) -> list[tuple[Array, Array, Array, Array]]:
         """For each fault, k_f, k_f backwards, and the bounds of the speeds, (n,) each.

@@ -328,7 +328,7 @@ def main() -> None:
             print(f'{name}, {precision}: {without:.0f} {word}, with rates {ratio}', flush=True)
     if options.memory:
         titles = 'vehicle', 'rotors, axes, faults', 'precision', 'flash [bytes]', 'stack [bytes]'
-        rows = [memory(*each) for each in RATED[:-1]]
+        rows = [memory(*each) for each in (*RATED[:-1], ('x8', 'single'))]
         fill('firmware.md', memory=table(titles, rows, 3))
     if options.detector or options.rates or options.memory:
         return

@@ -10,10 +10,11 @@
  *
  *     // With each state. specific_force is 0 where there is no accelerometer.
  *     void step(int64_t time, const ca_real *attitude, const ca_real *motion,
- *               const ca_real *specific_force, int fault, const ca_real *wrench, ca_real *speeds)
+ *               const ca_real *specific_force, const ca_real *wrench, ca_real *speeds)
  *     {
  *         ca_detector_observe(&detector, time, attitude, motion, specific_force);
- *         // Choose the fault by detector.health[i] < 1, until ca_detector_reset.
+ *         // A rotor or arm that was named stays so until ca_detector_reset.
+ *         const int fault = {{ name }}_fault_of(detector.health);
  *         {{ name }}_allocate(fault, wrench, speeds);
  *         ca_detector_command(&detector, time, speeds);
  *     }

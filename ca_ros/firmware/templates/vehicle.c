@@ -33,6 +33,11 @@ static const ca_real speed_min[{{ NAME }}_FAULTS][CA_N] = {
 static const ca_real speed_max[{{ NAME }}_FAULTS][CA_N] = {
 {{ fastest | rows }}
 };
+
+/* What each rotor delivers of its thrust. */
+static const ca_real healths[{{ NAME }}_FAULTS][CA_N] = {
+{{ firmware.health | rows }}
+};
 {% if not square %}
 {% set starts, levels, segments = firmware.segments %}
 
@@ -75,6 +80,22 @@ static int command(int fault, const ca_real *wrench, ca_real *u)
     for (int k = 0; k < problems[fault].m; k++)
         u[k] = wrench[axes[fault][k]];
     return 1;
+}
+
+int {{ name }}_fault_of(const ca_real health[{{ NAME }}_ROTORS])
+{
+    int nearest = 0;
+    ca_real least = CA_UNBOUNDED;
+    for (int fault = 0; fault < {{ NAME }}_FAULTS; fault++) {
+        ca_real away = 0;
+        for (int i = 0; i < CA_N; i++)
+            away += (health[i] - healths[fault][i]) * (health[i] - healths[fault][i]);
+        if (away < least) {
+            least = away;
+            nearest = fault;
+        }
+    }
+    return nearest;
 }
 
 int {{ name }}_allocate(int fault, const ca_real wrench[{{ NAME }}_AXES],

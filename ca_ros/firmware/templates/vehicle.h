@@ -21,6 +21,10 @@ enum {{ name }}_fault {
 {% endfor %}
 };
 
+/* The fault for the health of each rotor, from 0 to 1: the one whose health is nearest. With one of two
+ * coaxial rotors lost, and not known which, both have half of it. */
+int {{ name }}_fault_of(const ca_real health[{{ NAME }}_ROTORS]);
+
 /* Find the rotor speeds for a wrench.
  *
  * fault   an enum {{ name }}_fault
