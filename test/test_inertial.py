@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ca_ros.detection.inertial import HELD, InertialMotion, SpecificForces
+from ca_ros.detection.inertial import AHEAD, HELD, InertialMotion, SpecificForces
 from ca_ros.vehicle.state import rotation_matrix
 
 MS = 1_000_000  # [ns]
@@ -44,6 +44,28 @@ def test_there_is_no_mean_without_a_sample_at_the_end():
     # A simulator that is reset begins again at zero.
     forces.add(MS, force(2.0))
     np.testing.assert_array_equal(forces.mean(0, 2 * MS), force(2.0))
+
+
+def test_a_sample_of_another_time_is_no_part_of_the_mean():
+    forces = SpecificForces()
+    assert forces.mean(0, 10 * MS) is None
+    assert 'none' in forces.fault
+    for ahead, words in ((300 * MS, 'ahead'), (-HELD - MS, 'behind')):
+        for step in range(1, 100):
+            forces.add(10 * MS * step + ahead, force(1.0))
+            assert forces.mean(10 * MS * (step - 1), 10 * MS * step) is None
+            assert words in forces.fault
+            assert len(forces._samples) == 1
+        forces = SpecificForces()
+    # A state that is a little old has its own; after a gap of the samples there is none.
+    for step in range(1, 6):
+        forces.add(20 * MS * step, force(step))
+    forces.add(20 * MS + AHEAD, force(6.0))
+    np.testing.assert_array_equal(forces.mean(10 * MS, 20 * MS), force(1.0))
+    forces = SpecificForces()
+    forces.add(20 * MS + AHEAD, force(6.0))
+    assert forces.mean(10 * MS, 20 * MS) is None
+    assert not forces.fault
 
 
 @given(st.lists(st.integers(1, 20), min_size=5, max_size=40), st.integers(1, 15))

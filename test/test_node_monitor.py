@@ -303,11 +303,11 @@ def test_the_monitor_drops_states_in_another_frame(graph, frames, words):
 
 
 class Imu:
-    """What a monitor hears of a vehicle that loses rotor 2 after half a second in hover."""
+    """What a monitor hears of a vehicle that loses rotor 2 in hover."""
 
-    def __init__(self, graph):
+    def __init__(self, graph, failure='2@0.5'):
         vehicle = ca_ros.Vehicle.load('hexarotor')
-        settings = PlantSettings(failures=['2@0.5'], time_step=0.005)
+        settings = PlantSettings(failures=[failure], time_step=0.005)
         self.plant = Plant(
             RigidBody(vehicle), settings, imu=ImuSettings(imu_position=[0.05, 0.0, 0.02]))
         self.speeds = np.sqrt(vehicle.weight / 6 / vehicle.thrust_per_squared_speed)
@@ -317,13 +317,16 @@ class Imu:
         self.command = graph.publisher(Float64MultiArray, 'command/motor_speed')
         self.health = graph.listen(Float64MultiArray, 'rotor_health', STANDING)
 
-    def fly(self, imu=True, states=False):
-        """Take a step of 5 ms; of the states every fourth comes.  Return the health."""
+    def fly(self, imu=True, states=False, ahead=0):
+        """Take a step of 5 ms; of the states every fourth comes.  Return the health.
+
+        `ahead`: by what the clock of the Imu is [ns].
+        """
         state, time = self.plant.step(self.speeds), self.plant.elapsed
-        header = Header(stamp=stamp(time))
         if imu:
-            measured = state[10:], self.plant.specific_force
-            self.imu.publish(fill_imu(sensor_msgs.Imu(), header, *measured))
+            header, measured = Header(stamp=stamp(time + ahead)), self.plant.specific_force
+            self.imu.publish(fill_imu(sensor_msgs.Imu(), header, state[10:], measured))
+        header = Header(stamp=stamp(time))
         if states and time % 20_000_000 == 0:
             parts = state[:3], state[6:10], velocity_in_body(state), state[10:]
             pose, velocity = state_messages(*parts, header.stamp, '', '')
@@ -361,6 +364,29 @@ def test_an_imu_of_its_own_rate_serves_alone_or_beside_the_states(graph, states)
     if states:
         diagnostics.wait('monitor', counted(10, np.inf), 'without the imu none has')
     assert monitor.poll() is None
+
+
+@pytest.mark.parametrize(('ahead', 'words'), [
+    (300_000_000, 'is ahead of'), (-300_000_000, 'is behind')])
+def test_the_force_of_an_imu_with_another_clock_is_not_used_and_the_monitor_says_so(
+        graph, ahead, words):
+    place = 'detector.imu_position:=[0.05, 0.0, 0.02]'
+    graph.start('monitor', '--vehicle', 'hexarotor', '--ros-args', '-p', place)
+    graph.connect('monitor')
+    vehicle, diagnostics, named = Imu(graph, '2@1.2'), Diagnostics(graph), []
+
+    def fly():
+        if vehicle.fly(states=True, ahead=ahead) == [1, 0, 1, 1, 1, 1]:
+            named.append(vehicle.plant.elapsed / 1e9)
+        return named
+
+    def told(level, message, _):
+        fly()
+        return level == b'\1' and words in message and 'clock' in message
+
+    diagnostics.wait('monitor', told, 'the clock')
+    graph.spin_until(fly, 'rotor 2 is named')
+    assert 1.2 < named[0] < 1.6
 
 
 def lost(*rotors):

@@ -7,7 +7,8 @@ from ca_ros.vehicle.state import cross, rotation_matrix
 
 LEVELLING = 0.1  # rate at which the specific force levels the attitude [1/s]
 LEAK = 0.5  # rate at which the velocity is forgotten [1/s]
-HELD = 50_000_000  # how long the newest sample holds at most [ns]
+HELD = 50_000_000  # how far from its stamp a sample counts at most [ns]
+AHEAD = 100_000_000  # how much older than the newest sample a state is at most [ns]
 SAMPLES_MAX = 1000  # samples that may wait for a state
 
 
@@ -18,10 +19,12 @@ class SpecificForces:
     of the stamps forgets what was before.
 
     - `time`: stamp of the newest sample [ns]; None before the first
+    - `fault`: why samples far from the last state are not used, in words; empty if they are
     """
 
     def __init__(self) -> None:
         self.time: int | None = None
+        self.fault = ''
         self._samples: list[tuple[int, Array]] = []
 
     def add(self, time: int, force: Array) -> None:
@@ -33,12 +36,25 @@ class SpecificForces:
         del self._samples[:-SAMPLES_MAX]
 
     def mean(self, start: int, end: int) -> Array | None:
-        """Return the mean (3,) between two times [ns]; None without a sample at the end."""
-        if self.time is None or end - self.time > HELD or not start < end:
+        """Return the mean (3,) between two times [ns]; None without a sample at the end.
+
+        The end is the stamp of the newest state: by samples far from it `fault` tells that the
+        clocks differ.
+        """
+        lead = None if self.time is None else self.time - end
+        self.fault = (
+            'none has come' if lead is None else
+            'its clock is ahead of that of the states' if lead > AHEAD else
+            'it has stopped, or its clock is behind that of the states' if lead < -HELD else '')
+        if self.fault:
+            del self._samples[:-1]
+        if self.fault or not start < end:
             return None
         total, now = np.zeros(3), start
         for time, force in [*self._samples, (end, self._samples[-1][1])]:
             if (until := min(time, end)) > now:
+                if time - end > HELD:
+                    return None
                 total, now = total + (until - now) / (end - start) * force, until
         # What is older than the next interval counts no longer; the newest sample may hold on.
         self._samples = [each for each in self._samples[:-1] if each[0] > end] + self._samples[-1:]

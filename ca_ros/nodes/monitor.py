@@ -136,9 +136,16 @@ class MonitorNode(Node):
             return STALE, f'no state yet{missing or ""}'
         if detector.suspect is not None:
             return WARN, f'rotor {detector.suspect + 1} suspected'
+        if fault := self._unused():
+            return WARN, fault
         if self._lag_check.fault:
             return WARN, self._lag_check.fault
         return OK, 'on the ground' if detector.standing else 'all rotors deliver their thrust'
+
+    def _unused(self) -> str:
+        """Return why the specific force is not used; empty if it is, or there is to be none."""
+        fault = self._forces and self._forces.fault
+        return f'{topics.IMU} is not used: {fault}' if fault else ''
 
     def _values(self) -> dict[str, object]:
         health, (*failures, disturbance) = (
@@ -261,6 +268,8 @@ class MonitorNode(Node):
         if self._forces is not None and self._observed is not None:
             force = self._forces.mean(self._observed, time)
             self._counts['states without a specific force'] += force is None
+            if fault := self._unused():
+                self.diagnostics.warn('unused', fault)
         _, attitude = messages.pose_arrays(pose)
         if self._alone is not None:
             # Attitude and velocity begin anew.
