@@ -157,7 +157,7 @@ SHARED = {
             'CLEAR_LOSS', 'WEAK_LOSS', 'ASKED', 'THRUST_ERROR', 'DRAG_LOST', 'ODDS',
             'TELLING', 'MARGIN', 'SEEN', 'PAIR_ODDS', 'NEAR')},
         **{name: getattr(leads, name) for name in ('LASTING', 'EXCESS', 'DOUBT', 'DEBT')},
-        **{name: getattr(pairs, name) for name in ('LEAST_LOSS', 'MOST_LOSS', 'PAIRED')},
+        **{name: getattr(pairs, name) for name in ('LEAST_LOSS', 'MOST_LOSS', 'ALIKE', 'PAIRED')},
         'CONTACT': disturbances.CONTACT, 'LIMIT': losses.LIMIT, 'PRIOR': losses.PRIOR,
         **{name: getattr(motion_test, name) for name in (
             'CONFIRMATIONS', 'RECENT', 'TOTAL', 'SUSPICION', 'PATIENCE', 'ACQUAINTED',

@@ -11,6 +11,10 @@ from ca_ros.detection.losses import PRIOR
 LEAST_LOSS = 0.4  # least share that each of two rotors lost, and one that is slow
 MOST_LOSS = 1.3  # the greatest of each of two, over its health
 
+ALIKE = 0.7
+"""Least share that one of two rotors lost, over that of the other: they fail at once.  Where one
+loses much less, it makes up for what the other does not explain."""
+
 PAIRED = 0.1
 """Share of the variance of thrusts that counts for pairs, which differ by less."""
 
@@ -59,7 +63,9 @@ def likeliest_pair(
     first = np.where(apart, norm.T * product - mixed * product.T, 0.0)
     first = first / np.where(apart, determinant, 1.0)
     lost = first >= LEAST_LOSS * np.maximum(health, 1e-9)[:, None]
-    possible = lost & lost.T & (first <= MOST_LOSS * health[:, None])
+    relative = first * health
+    alike = relative >= ALIKE * relative.T
+    possible = lost & lost.T & alike & (first <= MOST_LOSS * health[:, None])
     taken = first * product
     prior = np.maximum(1.0, norm / PRIOR)
     ratio = (wider / variance[:, None, None]).prod(axis=0) * prior * prior.T

@@ -25,6 +25,7 @@
 #define CLEAR_LOSS CA_REAL(0.5)
 #define LEAST_LOSS CA_REAL(0.4)
 #define MOST_LOSS CA_REAL(1.3)
+#define ALIKE CA_REAL(0.7)
 #define WEAK_LOSS CA_REAL(0.3)
 #define ASKED CA_REAL(0.75)
 #define THRUST_ERROR CA_REAL(0.1)
@@ -431,6 +432,10 @@ static ca_real find_pair(const ca_detector *detector, const ca_block *window,
             const ca_real one = (bb * a - ab * b) / determinant;
             const ca_real other = (aa * b - ab * a) / determinant;
             if (!(one >= least[i] && other >= least[j] && one <= most[i] && other <= most[j]))
+                continue;
+            /* Where one loses much less, it makes up for what the other does not explain. */
+            if (!(one * most[j] >= ALIKE * (other * most[i]) &&
+                  other * most[i] >= ALIKE * (one * most[j])))
                 continue;
             const ca_real prior = ca_max(1, aa / PRIOR) * ca_max(1, bb / PRIOR);
             const ca_real score =
