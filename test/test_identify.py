@@ -99,6 +99,19 @@ def test_intervals_hold_as_often_as_they_say():
     assert np.mean(inside) > 0.85
 
 
+def test_what_cannot_be_is_refused_and_what_is_missing_is_said(tmp_path, capsys):
+    vehicle, recording = flown('hexarotor')
+    spoiled = recording.with_stream('acc', recording.values['acc'] / 9.81)
+    with pytest.raises(ParameterError, match=r'flight: acc: .* read as g'):
+        identify(vehicle, [spoiled])
+    time = recording.times['command']
+    kept = (time < 5.0) | (time > 7.0)
+    np.savez(tmp_path / 'flight.npz', **recording.values | {
+        'command': recording.values['command'][kept], 't_command': time[kept], 't': time})
+    main(['identify', str(tmp_path / 'flight.npz'), 'hexarotor'])
+    assert 'command: nothing from 5.00 to 7.00 s' in capsys.readouterr().err
+
+
 def test_several_flights_are_judged_by_each_other():
     vehicle, recording = flown('hexarotor')
     _, other = flown('hexarotor', seconds=8.0, seed=1)

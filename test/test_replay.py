@@ -131,6 +131,7 @@ def test_what_cannot_be_replayed_is_refused(tmp_path, capsys):
 
 @pytest.mark.parametrize(('stream', 'value', 'answer'), [
     ('velocity', 1e12, 'velocity: row 101, t 1: [1000000000000.0, '),
+    ('velocity', np.inf, 'velocity: row 101, t 1: [inf, '),
     ('attitude', 0.0, 'attitude: row 101, t 1: [0.0, 0.0, 0.0, 0.0]: expected a quaternion that'),
     ('t', 1e3, 't: steps of 10 s in the median: expected seconds'),
 ])
@@ -152,7 +153,111 @@ def test_a_gap_is_said_and_not_flown():
     apart = Recording(dict.fromkeys(recording.values, times), recording.values, 'flight')
     found = replay(vehicle, without(apart, 'acc'), SETTINGS)
     assert 4.8 < found.in_air < 5.0
-    assert found.notes[0] == 'nothing is recorded from 1.99 s on, for 30.01 s'
+    assert found.notes[0] == (
+        'command, gyro, attitude, velocity: nothing from 1.99 s on, for 30.01 s')
+
+
+def degrees(values):
+    values['gyro'] = np.degrees(values['gyro'])
+
+
+def millimetres(values):
+    values['velocity'] = 1e3 * values['velocity']
+
+
+def world(values):
+    values['velocity'] = np.array([
+        rotation_matrix(q) @ v
+        for q, v in zip(values['attitude'], values['velocity'], strict=True)])
+
+
+def scalar_first(values):
+    values['attitude'] = np.roll(values['attitude'], 1, axis=1)
+
+
+def to_body(values):
+    values['attitude'] = values['attitude'] * [-1, -1, -1, 1]
+
+
+def in_g(values):
+    values['acc'] = values['acc'] / 9.81
+
+
+def other_frame(values):
+    for name in ('gyro', 'velocity', 'acc'):
+        values[name] = values[name] * [1, -1, -1]
+    values['attitude'] = values['attitude'] * [1, -1, -1, 1]
+
+
+def rpm(values):
+    values['command'] = values['command'] * 30.0 / np.pi
+
+
+@pytest.mark.parametrize(('spoil', 'acc', 'answer'), [
+    (degrees, False, 'gyro: .* read as deg/s .*: expected rad/s'),
+    (millimetres, False, 'velocity: .* read as mm/s .*: expected m/s in the body frame'),
+    (world, True, 'velocity: .* read as of the world frame'),
+    (scalar_first, False, 'attitude: .* read as w, x, y, z'),
+    (to_body, True, 'attitude: .* read as world to body'),
+    (in_g, True, 'acc: .* read as g'),
+    (other_frame, True, 'acc: .* read as of the other --frame'),
+    (rpm, False, 'command: 30.. of 30.. are beyond .*: expected rad/s; if these are rpm'),
+])
+def test_units_and_frames_that_cannot_be_are_named(spoil, acc, answer):
+    vehicle, recording, _ = recorded()
+    if not acc:
+        recording = without(recording, 'acc')
+    motion_of(vehicle, recording)
+    values = dict(recording.values)
+    spoil(values)
+    with pytest.raises(ParameterError, match=f'^flight: {answer}'):
+        motion_of(vehicle, Recording(recording.times, values, 'flight'))
+
+
+def thinned(recording, name, kept):
+    times, values = dict(recording.times), dict(recording.values)
+    times[name], values[name] = times[name][kept], values[name][kept]
+    return Recording(times, values, 'flight')
+
+
+@pytest.mark.parametrize(('name', 'kept', 'air', 'note'), [
+    ('command', lambda t: (t < 1.5) | (t > 3.0), 3.5, 'nothing from 1.49 s on, for 1.52 s'),
+    ('command', lambda t: t < 3.0, 3.0, 'nothing from 2.99 s on, for 2.01 s'),
+    ('attitude', lambda t: t < 2.0, 2.0, 'nothing from 1.99 s on, for 3.01 s'),
+    ('velocity', lambda t: np.arange(len(t)) % 20 == 0, 4.8,
+     '5 values a second: below 25 a loss may not be named'),
+])
+def test_what_is_missing_is_said_and_not_flown(name, kept, air, note):
+    vehicle, recording, _ = recorded()
+    times = recording.times[name]
+    spoiled = thinned(without(recording, 'acc'), name, kept(times - times[0]))
+    found = replay(vehicle, spoiled, SETTINGS)
+    assert found.notes[0] == f'{name}: {note}'
+    assert found.in_air == pytest.approx(air, abs=0.1)
+    assert 0.0 < found.testing <= found.in_air
+
+
+def test_commands_that_are_clipped_are_counted():
+    vehicle, recording, _ = recorded()
+    values = recording.values['command'].copy()
+    values[100:150, 2] = 1000.0
+    found = motion_of(vehicle, recording.with_stream('command', values))
+    assert found.notes == [
+        'command: 50 of 3006 are beyond rotors.speed_max and taken as it, in 0.50 s']
+
+
+def test_nothing_named_says_how_long_was_tested(tmp_path, capsys):
+    _, recording, flight = recorded()
+    file = tmp_path / 'flight.csv'
+    flight.write_csv(file)
+    assert main(['replay', str(file), 'hexarotor_realistic']) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert re.fullmatch('losses were tested for 3.[78] s: nothing is named', last)
+    short = {name: each[:90] for name, each in recording.values.items()}
+    np.savez(tmp_path / 'short.npz', t=recording.times['gyro'][:90], **short)
+    assert main(['replay', str(tmp_path / 'short.npz'), 'hexarotor_realistic']) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == 'nothing was tested, so nothing can be named'
 
 
 class NamesAt:

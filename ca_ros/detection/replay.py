@@ -16,6 +16,7 @@ from ca_ros.detection.rotor_beliefs import words_of
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.formats.recording import Recording
+from ca_ros.vehicle.plausibility import check, clipped, gaps, slow
 from ca_ros.vehicle.state import rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
@@ -70,8 +71,16 @@ class Replay:
     @property
     def in_air(self) -> float:
         """Time off the ground, without gaps [s]."""
+        return self._lasting(self.flying)
+
+    @property
+    def testing(self) -> float:
+        """Time in which losses were tested [s]."""
+        return self._lasting(self.tested)
+
+    def _lasting(self, rows: Array) -> float:
         steps = np.diff(self.times, prepend=self.times[0])
-        return float(steps[np.logical_and(self.flying, steps < GAP / 1e9)].sum())
+        return float(steps[np.logical_and(rows, steps < GAP / 1e9)].sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,22 +102,27 @@ class Motion:
 def motion_of(vehicle: Vehicle, recording: Recording) -> Motion:
     """Return the motion of a recording; what is missing is computed from the rest.
 
-    Raises a ParameterError if neither velocity nor specific force is recorded.
+    Times at which a stream has no value for long are left out.  Raises a ParameterError if neither
+    velocity nor specific force is recorded, or a stream cannot be true.
     """
+    used = [name for name in recording.times if name != 'speed']
+    notes = clipped(vehicle, recording)
+    check(vehicle, recording)
+    notes += slow(recording, used)
     start, end = recording.span
     times = recording.times['gyro']
     times = times[(times >= start) & (times <= end)]
+    for names, begin, until in gaps(recording, used):
+        notes.append(f'{names}: nothing from {begin - start:.2f} s on, for {until - begin:.2f} s')
+        times = times[(times <= begin) | (times >= until)]
     gyro, force, velocity, attitude = (
         _held(recording, name, times) for name in ('gyro', 'acc', 'velocity', 'attitude'))
-    steps = np.diff(times)
-    notes = [
-        f'nothing is recorded from {times[i] - times[0]:.2f} s on, for {steps[i]:.2f} s'
-        for i in np.flatnonzero(steps >= GAP / 1e9)]
     assert gyro is not None
     if force is None and velocity is None:
         raise ParameterError(f'{recording.name}: expected a velocity, or a specific force')
     if force is None:
-        notes.append('no specific force: the change of velocity takes its place')
+        notes.append('no specific force: the change of velocity takes its place, and its frame is '
+                     'not checked')
     if attitude is None:
         if force is None:
             raise ParameterError(f'{recording.name}: expected an attitude, or a specific force')

@@ -14,6 +14,7 @@ from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import find
 from ca_ros.vehicle.formats.edited_yaml import with_values
 from ca_ros.vehicle.formats.recording import read_recording
+from ca_ros.vehicle.plausibility import gaps
 from ca_ros.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -45,7 +46,10 @@ def run(options: argparse.Namespace) -> None:
         flights = [speeds_of(vehicle, flight, options.throttle) for flight in flights]
     found = identify(vehicle, flights, options.measured)
     print('\n'.join(report(found)), flush=True)
-    for warning in warnings(found):
+    missing = [
+        f'{flight.name}: {names}: nothing from {begin:.2f} to {end:.2f} s'
+        for flight in flights for names, begin, end in gaps(flight, ('command', 'gyro'))]
+    for warning in [*missing, *warnings(found)]:
         print(f'ca_ros identify: warning: {warning}', file=sys.stderr)
     if not found.parameters:
         why = 'a sign is wrong' if found.wrong_signs else 'no parameter is sure'

@@ -91,17 +91,20 @@ def _loss(text: str, rotors: int) -> tuple[int, float]:
 
 
 def report(name: str, found: Replay) -> list[str]:
-    """Return what was named, one a line, and how long the vehicle was in the air."""
+    """Return what was named, one a line, and how long losses were tested."""
     lines = [f'{name}: {found.times[-1]:.1f} s, {found.in_air:.1f} s in the air']
     lines += [f'    {note}' for note in found.notes]
+    if not found.tested.any():
+        return [*lines, 'nothing was tested, so nothing can be named']
+    tested = f'losses were tested for {found.testing:.1f} s'
     if not found.named:
-        return [*lines, 'nothing is named']
+        return [*lines, f'{tested}: nothing is named']
     lines.append('time [s]  phase    rotors    health      margin over a disturbance')
     for each in found.named:
         health = ', '.join(f'{share:.2f}' for share in each.health)
         lines.append(
             f'{each.time:8.2f}  {each.phase:7s}  {each.words:8s}  {health:10s}  {each.margin:.1f}')
-    return lines
+    return [*lines, tested]
 
 
 def _answer(rotor: int, time: float, found: Replay) -> str:

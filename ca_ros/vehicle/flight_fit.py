@@ -17,6 +17,7 @@ from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.formats.recording import Recording
+from ca_ros.vehicle.plausibility import check
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 HIGH_PASS = 1.5  # corner of the filter of both sides of the fit [Hz]
@@ -61,6 +62,7 @@ class FlightSides:
             raise ParameterError(
                 f'{recording.name}: {max(0.0, end - start):.3g} s: expected {BLOCK:g} s or more '
                 'with command and gyro')
+        check(vehicle, recording, source)
         self._time = np.arange(start, end, self._step)
         # Rotors follow their commands also between two values of the gyro.
         self._parts = int(np.ceil(self._step / FINE - 1e-6))

@@ -106,10 +106,16 @@ def read_recording(file: str | Path, rotors: int, frame: str = 'flu') -> Recordi
     except ParameterError as error:
         raise ParameterError(f'{path}: {error}') from None
     if frame == 'frd' or path.suffix == '.ulg':
-        signs = {'gyro': FRD, 'acc': FRD, 'velocity': FRD, 'attitude': np.array([1, -1, -1, 1])}
-        for name in signs.keys() & recording.values.keys():
-            recording = recording.with_stream(name, recording.values[name] * signs[name])
+        recording = other_frame(recording)
     return replace(recording, name=path.name)
+
+
+def other_frame(recording: Recording) -> Recording:
+    """Return a recording from front-right-down in front-left-up, or the other way."""
+    signs = {'gyro': FRD, 'acc': FRD, 'velocity': FRD, 'attitude': np.array([1, -1, -1, 1])}
+    for name in signs.keys() & recording.values.keys():
+        recording = recording.with_stream(name, recording.values[name] * signs[name])
+    return recording
 
 
 def _from_csv(path: Path) -> dict[str, Array]:
@@ -235,7 +241,8 @@ def _streams(columns: Mapping[str, Array], rotors: int) -> Recording:
         table = np.column_stack([columns[title] for title in titles])
         if len(times) != len(table):
             raise ParameterError(f'{name}: {len(table)} rows, but {len(times)} times')
-        filled = np.isfinite(table).all(axis=1) & np.isfinite(times)
+        # NaN is an empty cell; what is infinite is refused below.
+        filled = ~np.isnan(table).any(axis=1) & np.isfinite(times)
         times, table = times[filled], table[filled]
         if len(times) < 2 or not np.all(np.diff(times) > 0.0):
             raise ParameterError(f't: expected times of {name} that increase [s]')

@@ -1,0 +1,203 @@
+"""Whether the streams of a recorded flight can be true: their units, frames and gaps.
+
+Streams that say the same by the laws of motion are compared over short windows in the air.
+Where they differ by more than a tolerance, and one of `READINGS` explains `CLEARLY` times as much,
+the recording is refused.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.settings import ParameterError
+from ca_ros.vehicle.formats.recording import Recording, other_frame
+from ca_ros.vehicle.vehicle import Vehicle
+
+MOST = 0.8  # quantile of the differences that counts: most of a flight is hover
+CLEARLY = 2.0  # ratio of the differences of two readings
+IN_AIR = 0.5  # least thrust in the air, over the weight
+WINDOWS_MIN = 3  # in the air; of fewer nothing is said
+GAP = 0.5  # longest time for which a stream may have no value [s]
+RATE = 25.0  # values of a stream below which half of the losses are not named [1/s]
+MANY = 0.75  # share of the commands beyond the greatest speed that a controller hardly sends
+ROUNDING = 1e-6  # of a number in a file
+
+
+def _turned(attitude: Array, vectors: Array) -> Array:
+    """Return vectors (K, 3) turned by quaternions (K, 4), whose length counts for nothing."""
+    unit = attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
+    twice = 2.0 * np.cross(unit[:, :3], vectors)
+    return np.asarray(vectors + unit[:, 3:] * twice + np.cross(unit[:, :3], twice))
+
+
+def _inverse(attitude: Array) -> Array:
+    return attitude * [-1.0, -1.0, -1.0, 1.0]
+
+
+def _at(times: Array, recording: Recording, name: str) -> Array:
+    """Return a stream at some times, interpolated."""
+    values = recording.values[name]
+    if name == 'attitude':
+        # A quaternion and its opposite are the same.
+        flips = np.sign((values[1:] * values[:-1]).sum(axis=1) + 1e-12)
+        values = values * np.cumprod([1.0, *flips])[:, None]
+    return _interpolated(times, recording.times[name], values)
+
+
+def _interpolated(times: Array, known: Array, values: Array) -> Array:
+    return np.column_stack([np.interp(times, known, column) for column in values.T])
+
+
+def _mean(edges: Array, times: Array, values: Array) -> Array:
+    """Return the means of values (K, c) between edges."""
+    steps = np.diff(times)[:, None] * (values[1:] + values[:-1]) / 2.0
+    sums = np.vstack([np.zeros(values.shape[1]), steps.cumsum(axis=0)])
+    return np.diff(_interpolated(edges, times, sums), axis=0) / np.diff(edges)[:, None]
+
+
+def _turn_rate(recording: Recording, edges: Array, gravity: float) -> Array:
+    """Return the turn rate that the attitude has, less that of the gyro."""
+    attitude = _at(edges, recording, 'attitude')
+    (u, w), (v, s) = ((each[:, :3], each[:, 3:]) for each in (attitude[:-1], attitude[1:]))
+    half, cosine = w * v - s * u - np.cross(u, v), w * s + (u * v).sum(axis=1, keepdims=True)
+    sine = np.linalg.norm(half, axis=1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, abs(cosine)) * np.sign(cosine)
+    rate = half * angle / np.maximum(sine, 1e-12) / np.diff(edges)[:, None]
+    return np.asarray(rate - _mean(edges, recording.times['gyro'], recording.values['gyro']))
+
+
+def _less_weight(recording: Recording, edges: Array, gravity: float) -> Array:
+    """Return the mean specific force, less the weight's."""
+    times, force = recording.times['acc'], recording.values['acc']
+    if 'attitude' in recording.values:
+        force = _turned(_at(times, recording, 'attitude'), force)
+    return _mean(edges, times, force) - [0.0, 0.0, gravity]
+
+
+def _acceleration(recording: Recording, edges: Array, gravity: float) -> Array:
+    """Return the acceleration that the velocity has, less that of the specific force."""
+    attitude, velocity = (_at(edges, recording, name) for name in ('attitude', 'velocity'))
+    gained = np.diff(_turned(attitude, velocity), axis=0) / np.diff(edges)[:, None]
+    return np.asarray(gained - _less_weight(recording, edges, gravity))
+
+
+def _scaled(name: str, factor: float) -> Callable[[Recording], Recording]:
+    return lambda recording: recording.with_stream(name, factor * recording.values[name])
+
+
+def _from_world(recording: Recording) -> Recording:
+    attitude = _at(recording.times['velocity'], recording, 'attitude')
+    return recording.with_stream(
+        'velocity', _turned(_inverse(attitude), recording.values['velocity']))
+
+
+READINGS: Mapping[str, tuple[str, Mapping[str, Callable[[Recording], Recording]]]] = {
+    'gyro': ('rad/s', {'deg/s': _scaled('gyro', np.pi / 180.0)}),
+    'velocity': ('m/s in the body frame', {
+        'mm/s': _scaled('velocity', 1e-3), 'of the world frame': _from_world}),
+    'acc': ('the specific force [m/s^2], up in hover', {
+        'g': _scaled('acc', 9.81), 'of the other --frame': other_frame}),
+    'attitude': ('x, y, z, w, body to world', {
+        'w, x, y, z': lambda recording: recording.with_stream(
+            'attitude', np.roll(recording.values['attitude'], -1, axis=1)),
+        'world to body': lambda recording: recording.with_stream(
+            'attitude', _inverse(recording.values['attitude']))}),
+}
+"""What is expected of a stream, and what it is sometimes by mistake."""
+
+CHECKS = (
+    (('gyro', 'attitude'), _turn_rate, 0.25, 0.15, 'rad/s'),
+    (('velocity', 'attitude'), _acceleration, 1.0, 0.15, 'm/s^2'),
+    (('acc',), _less_weight, 1.0, 5.0, 'm/s^2'),
+)
+"""Streams of which one may be wrong, a difference that is zero if they are right, the length of
+the windows [s], and the tolerance with its unit."""
+
+
+def check(vehicle: Vehicle, recording: Recording, source: str = 'command') -> None:
+    """Raise a ParameterError that names the stream whose unit or frame cannot be right.
+
+    - `source`: the stream of rotor speeds [rad/s]
+    """
+    times, speeds = recording.times[source], recording.values[source]
+    thrusts = vehicle.thrusts(speeds)
+    lift = thrusts.sum(axis=1)
+
+    def difference(read: Recording, found: Callable[..., Array], edges: Array) -> float:
+        if 'acc' not in read.values:
+            force = thrusts @ vehicle.wrenches[:3].T / vehicle.mass
+            read = replace(read, times={**read.times, 'acc': times},
+                           values={**read.values, 'acc': force})
+        each = found(read, edges, vehicle.gravity)
+        return float(np.quantile(np.linalg.norm(each[flies], axis=1), MOST))
+
+    for names, found, window, tolerance, unit in CHECKS:
+        if not set(names) <= recording.values.keys():
+            continue
+        used = [recording.times[name] for name in names] + [times]
+        edges = np.arange(max(each[0] for each in used), min(each[-1] for each in used), window)
+        flies = np.interp(edges[1:], times, lift) >= IN_AIR * vehicle.weight
+        for each in used:
+            flies &= np.diff(np.searchsorted(each, edges)) > 0
+        if flies.sum() < WINDOWS_MIN:
+            continue
+        given = difference(recording, found, edges)
+        others = {
+            (difference(read(recording), found, edges), name, words)
+            for name in names for words, read in READINGS[name][1].items()}
+        least, name, words = min(others)
+        if given > max(tolerance, CLEARLY * least):
+            raise ParameterError(
+                f'{recording.name}: {name}: {given:.3g} {unit} away from what the other streams '
+                f'say; read as {words} {least:.3g}: expected {READINGS[name][0]}')
+
+
+def gaps(recording: Recording, names: Iterable[str]) -> list[tuple[str, float, float]]:
+    """Return streams that have no value for more than `GAP` s, and from when to when [s].
+
+    A recording lasts as long as its command or its gyro.
+    """
+    own = [recording.times[name] for name in ('command', 'gyro')]
+    start, end = min(each[0] for each in own), max(each[-1] for each in own)
+    found: dict[tuple[float, float], list[str]] = {}
+    for name in names:
+        times = recording.times[name]
+        edges = np.array([start, *times[(times > start) & (times < end)], end])
+        for i in np.flatnonzero(np.diff(edges) > GAP):
+            found.setdefault((float(edges[i]), float(edges[i + 1])), []).append(name)
+    return [(', '.join(streams), *when) for when, streams in sorted(found.items())]
+
+
+def slow(recording: Recording, names: Iterable[str]) -> list[str]:
+    """Return in words which of the streams that show a loss have few values a second.
+
+    Raises a ParameterError if a stream has none for `GAP` s in the median.
+    """
+    rates = {name: 1.0 / float(np.median(np.diff(recording.times[name]))) for name in names}
+    for name, rate in rates.items():
+        if rate * GAP < 1.0:
+            raise ParameterError(
+                f'{recording.name}: {name}: {rate:.2g} values a second: expected {RATE:g}')
+    shows = 'gyro', 'acc' if 'acc' in rates else 'velocity'
+    return [f'{name}: {rates[name]:.2g} values a second: below {RATE:g} a loss may not be named'
+            for name in shows if rates.get(name, RATE) < RATE]
+
+
+def clipped(vehicle: Vehicle, recording: Recording) -> list[str]:
+    """Return in words how many commands are beyond the greatest speed, and for how long.
+
+    Raises a ParameterError if `MANY` of those that turn a rotor are.
+    """
+    most = np.maximum(abs(vehicle.speed_min), abs(vehicle.speed_max))
+    times, commands = recording.times['command'], np.abs(recording.values['command'])
+    beyond = commands > most * (1.0 + ROUNDING)
+    count, turning = int(beyond.sum()), int((commands > 0.0).sum())
+    if count > MANY * turning:
+        raise ParameterError(
+            f'{recording.name}: command: {count} of {turning} are beyond rotors.speed_max, up to '
+            f'{commands.max():.4g}: expected rad/s; if these are rpm, multiply them by 2 pi / 60')
+    lasting = float(np.diff(times)[beyond[:-1].any(axis=1)].sum())
+    return [f'command: {count} of {turning} are beyond rotors.speed_max and taken as it, in '
+            f'{lasting:.2f} s'] * (count > 0)
