@@ -125,7 +125,7 @@ class FailureDetector:
     @property
     def testing(self) -> bool:
         """Whether losses are tested: in the air, with the speeds of the motors known."""
-        return not (self.standing or self._motion._blind)
+        return self._motion.testing
 
     @property
     def settling(self) -> int:
