@@ -15,6 +15,7 @@ from ca_ros.detection import (
     leads,
     losses,
     motion_test,
+    motor_model,
     noise_estimator,
     pairs,
     rotor_beliefs,
@@ -160,8 +161,8 @@ SHARED = {
         **{name: getattr(pairs, name) for name in ('LEAST_LOSS', 'MOST_LOSS', 'ALIKE', 'PAIRED')},
         'CONTACT': disturbances.CONTACT, 'LIMIT': losses.LIMIT, 'PRIOR': losses.PRIOR,
         **{name: getattr(motion_test, name) for name in (
-            'CONFIRMATIONS', 'RECENT', 'TOTAL', 'SUSPICION', 'PATIENCE', 'ACQUAINTED',
-            'SETTLING')},
+            'CONFIRMATIONS', 'RECENT', 'TOTAL', 'SUSPICION', 'PATIENCE', 'ACQUAINTED', 'KEPT')},
+        **{name: getattr(motor_model, name) for name in ('SETTLING', 'HELD', 'SLOWEST')},
         **{name: getattr(rotor_beliefs, name) for name in (
             'REFINED', 'USELESS', 'IN_A_ROW', 'CERTAIN', 'TOLD')},
         **{name: getattr(noise_estimator, name) for name in (

@@ -125,7 +125,8 @@ class FailureDetector:
     @property
     def testing(self) -> bool:
         """Whether losses are tested: in the air, with the speeds of the motors known."""
-        return self._motion.testing
+        motion = self._motion
+        return motion.rotors.known and not (self.standing or motion._blind)
 
     @property
     def settling(self) -> int:

@@ -95,13 +95,15 @@ class LagCheck:
         """Take the angular velocity (3,) [rad/s] at a time [ns], and the health (n,)."""
         last, self._time = self._time, time
         self._step = step = 0.0 if last is None else (time - last) / 1e9
-        if last is None or not 0.0 < step < SLOW:
+        thrusts = None
+        if last is not None and 0.0 < step < SLOW:
+            thrusts = health * self._rotors.thrusts(last, time)
+        if thrusts is None or not self._rotors.known:
             self._predicted = np.tile(angular_velocity, (len(LAGS) + 1, 1))
             self._slow, self._flown = self._predicted, 0.0
             return
         self._flown += step
         turned = cross(angular_velocity, self._inertia @ angular_velocity)
-        thrusts = health * self._rotors.thrusts(last, time)
         torques = thrusts @ self._rotors.wrenches[3:].T - turned
         turned = self._predicted[1:] + step * np.linalg.solve(self._inertia, torques.T).T
         # The first row is what is measured.
@@ -121,6 +123,8 @@ class LagCheck:
         if not self._measured:
             self._squares, self._count = np.zeros((3, len(LAGS), len(speeds))), 0.0
             self._measured = True
+        if not self._rotors.known:
+            return
         sound = health >= 1.0
         self._add((sound * speeds)[None], sound * self._rotors.speeds)
 

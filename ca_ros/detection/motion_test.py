@@ -33,7 +33,7 @@ ACQUAINTED = 1_000_000_000
 [ns]."""
 
 RECENT = 1.0  # time over which the greatest thrust of a rotor is forgotten [s]
-SETTLING = 4.0  # time after which the speeds of motors and servos are known, over their lag
+KEPT = 2_000_000_000  # gap of the states after which what was learnt in a flight is kept [ns]
 
 ALL, ONE, NOBODY = np.ones(6), np.eye(6), np.zeros(())
 
@@ -66,10 +66,8 @@ class MotionTest:
         self.moving = (MOVING * noises).tolist()
         self.imu, self._measured = triple(s.imu_position), False
         self._turn, self._motion = ONE, np.zeros(6)
-        lag = max(s.motor_time_constant, s.servo_time_constant)
         # Time until failures are tested; above ACQUAINTED, the speeds of the motors are unknown.
-        # It is in whole milliseconds, so that single precision does not change it.
-        self.settling = 1_000_000 * int(1e3 * (SETTLING * lag + s.delay) + 0.5)
+        self.settling = self.rotors.settling
         self._blind, self._commanded = ACQUAINTED + self.settling, False
         self.reset()
 
@@ -131,8 +129,8 @@ class MotionTest:
             if self._commanded:
                 self._blind = max(self._blind - (time - last), 0)
             learnt = (
-                moving and self._blind <= ACQUAINTED and not self._suspicious
-                and not self._grounded)
+                moving and self._blind <= ACQUAINTED and self.rotors.known
+                and not self._suspicious and not self._grounded)
             observer.gain = usual.gain() if learnt else 0.0
             if force is not None:
                 impulse = self._impulse((time - last) / 1e9, turned, motion, mean[3:], force)
@@ -142,7 +140,10 @@ class MotionTest:
         if last is not None and time < last:
             self.rotors = CommandedRotors(self.rotors.vehicle, self._settings)
         if last is not None and not 0 < time - last < GAP:
-            self._blind = ACQUAINTED + self.settling
+            self.rotors.lose()
+            # The trim is known if it was, not long ago.
+            if not (0 < time - last < KEPT and usual.flown > LEARNING[0]):
+                self._blind = ACQUAINTED + self.settling
         self._turn, self._motion = turn, motion
         step = observer.step
         if observer.standing or self._blind > ACQUAINTED or self._grounded:
@@ -151,6 +152,10 @@ class MotionTest:
             self._begin()
             if last is not None and 0 < time - last < GAP:
                 usual.rest((time - last) / 1e9, own)
+            return False
+        if not self.rotors.known:
+            # The motion explains nothing, nor that before: commands were missing already.
+            self.forget()
             return False
         if not step:
             return False
@@ -174,11 +179,6 @@ class MotionTest:
         gained = self._mass * turned[:3, :3].dot(own)
         gained[2] -= self._mass * self._gravity * step
         return np.asarray(gained)
-
-    @property
-    def testing(self) -> bool:
-        """Whether losses are tested: see `FailureDetector`."""
-        return not (self.observer.standing or self._blind)
 
     @property
     def _suspicious(self) -> bool:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.detection.detector_inputs import TIME_MAX
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.vehicle.command_bounds import CommandBounds
 from ca_ros.vehicle.effectiveness import rotor_wrenches
@@ -11,6 +12,11 @@ from ca_ros.vehicle.state import difference
 from ca_ros.vehicle.vehicle import Vehicle
 
 COMMANDS_MAX = 1000  # commands that wait to take effect; of more, the oldest are dropped
+SETTLING = 4.0  # time after which the speeds of motors and servos are known, over their lag
+
+HELD, SLOWEST = 60_000_000, 100_000_000
+"""Time for which a command counts [ns], longer than that between it and the one before, which is
+this at most.  Later, the next one has been lost, and what the rotors do is unknown."""
 
 
 class CommandedRotors:
@@ -21,6 +27,8 @@ class CommandedRotors:
 
     - `vehicle`: may be replaced by one with servos that stick
     - `speeds` (n,): [rad/s]; zero before the first command
+    - `settling`: time after which the speeds follow a command [ns]
+    - `known`: whether they did in the last interval; so it is before the first command
     - `wrenches` (6, n): force and torque per thrust of each rotor, in the last interval
     - `bounds`: of the commands
     - `planar` (s,): the rotors with a single servo
@@ -35,6 +43,10 @@ class CommandedRotors:
         self._lag = s.motor_time_constant if lags is None else lags
         self._servos = ServoLag(s.servo_time_constant, s.servo_rate, vehicle)
         self._delay = round(s.delay * 1e9)
+        # It is in whole milliseconds, so that single precision does not change it.
+        lag = max(float(np.max(self._lag)), s.servo_time_constant)
+        self.settling = 1_000_000 * int(1e3 * (SETTLING * lag + s.delay) + 0.5)
+        self.known, self._unsettled, self._due, self._between = True, 0, TIME_MAX, 0
         self.bounds = CommandBounds(vehicle)
         self._waiting: list[tuple[int, Array, Array]] = []
         self.speeds, self._angles = self._command = self._servos.resting
@@ -59,10 +71,16 @@ class CommandedRotors:
     def thrusts(self, start: int, end: int) -> Array:
         """Return the mean thrusts (n,) between two times [ns], as of sound rotors [N]."""
         total, now, angles = np.zeros(()), start, self._angles
+        self.known = not self._unsettled
         while now < end:
             while self._waiting and self._waiting[0][0] <= now:
-                self._command = self._waiting.pop(0)[1:]
+                due, speeds, turned = self._waiting.pop(0)
+                self._command = speeds, turned
+                self._between, self._due = min(max(due - self._due, 0), SLOWEST), due
             until = min(end, self._waiting[0][0]) if self._waiting else end
+            self._unsettled = max(self._unsettled - (until - now), 0)
+            if until - self._due - self._between > HELD:
+                self.lose()
             before, step = self.speeds, (until - now) / 1e9
             self.speeds = lagged(self._lag, before, self._command[0], step)
             self._angles = self._servos.move(self._angles, self._command[1], step, self.vehicle)
@@ -73,6 +91,10 @@ class CommandedRotors:
         middle = angles + 0.5 * difference(self._angles, angles)
         self.wrenches = rotor_wrenches(self.vehicle, middle)
         return total
+
+    def lose(self) -> None:
+        """Let the speeds be unknown until they have settled."""
+        self.known, self._unsettled = False, self.settling
 
     def given(self, start: int, end: int) -> Array:
         """Return the mean force and torque of each rotor between two times [ns], (6, n + 2 s).

@@ -5,7 +5,7 @@
 #include "numbers.h"
 
 /* The constants of ca_ros/detection: disturbances, hypothesis_test, leads, losses, motion_test,
- * noise_estimator, pairs, rotor_beliefs, speed_residual, windows; and of
+ * motor_model, noise_estimator, pairs, rotor_beliefs, speed_residual, windows; and of
  * ca_ros/control/momentum_observer. */
 #define BLOCK CA_REAL(0.0095)
 #define CONFIRMATIONS 3
@@ -54,6 +54,9 @@
 #define MOST 2
 #define STALE INT64_C(60000000)
 #define LATE INT64_C(100000000)
+#define HELD 60000000
+#define SLOWEST 100000000
+#define KEPT 2000000000
 #define KEEP CA_REAL(1.0)
 #define MOTION CA_REAL(0.05)
 #define AVERAGING CA_REAL(0.2)
@@ -160,6 +163,31 @@ int ca_detector_command(ca_detector *detector, int64_t time, const ca_real *spee
     return 0;
 }
 
+/* Forget all commands. */
+static void start_rotors(ca_detector *detector)
+{
+    detector->waiting = 0;
+    for (int i = 0; i < ROTORS(detector->model); i++)
+        detector->command[i] = detector->speeds[i] = 0;
+    detector->known = 1;
+    detector->in_force = CA_TIME_MAX;
+    detector->between = detector->unsettled = 0;
+}
+
+/* The time in which the speeds of the motors follow a command [ns]. */
+static int64_t settling_of(const ca_detector_model *model)
+{
+    const ca_real settling = SETTLING * model->time_constant + model->delay;
+    return (int64_t)(1000 * settling + CA_REAL(0.5)) * 1000000;
+}
+
+/* Let the speeds be unknown until they have settled. */
+static void lose(ca_detector *detector)
+{
+    detector->known = 0;
+    detector->unsettled = settling_of(detector->model);
+}
+
 /* Set the mean thrusts between two times, as of sound rotors. */
 static void advance_rotors(ca_detector *detector, int64_t start, int64_t end, ca_real *thrusts)
 {
@@ -168,9 +196,14 @@ static void advance_rotors(ca_detector *detector, int64_t start, int64_t end, ca
     int taken = 0;
     for (int i = 0; i < n; i++)
         thrusts[i] = 0;
+    detector->known = detector->unsettled == 0;
     while (start < end) {
-        for (; taken < detector->waiting && detector->due[taken] <= start; taken++)
+        for (; taken < detector->waiting && detector->due[taken] <= start; taken++) {
+            const int64_t between = detector->due[taken] - detector->in_force;
+            detector->between = between < 0 ? 0 : between > SLOWEST ? SLOWEST : between;
+            detector->in_force = detector->due[taken];
             ca_copy(n, detector->commands[taken], detector->command);
+        }
         int64_t until = end;
         if (taken < detector->waiting && detector->due[taken] < end)
             until = detector->due[taken];
@@ -187,6 +220,11 @@ static void advance_rotors(ca_detector *detector, int64_t start, int64_t end, ca
         }
         if (share >= 1)
             ca_copy(n, detector->command, detector->speeds);
+        const int64_t unsettled = detector->unsettled - (until - start);
+        detector->unsettled = unsettled > 0 ? unsettled : 0;
+        /* The next command has been lost. */
+        if (until - detector->in_force - detector->between > HELD)
+            lose(detector);
         start = until;
     }
     detector->waiting -= taken;
@@ -735,8 +773,7 @@ static ca_real learning_gain(const ca_detector *detector, ca_real time)
 /* Let the speeds of the motors be unknown, and what is usual. */
 static void blind(ca_detector *detector)
 {
-    const ca_real settling = SETTLING * detector->model->time_constant + detector->model->delay;
-    detector->blind = ACQUAINTED + (int64_t)(1000 * settling + CA_REAL(0.5)) * 1000000;
+    detector->blind = ACQUAINTED + settling_of(detector->model);
 }
 
 /* Suspect nothing. */
@@ -1186,6 +1223,7 @@ void ca_detector_start(ca_detector *detector, const ca_detector_model *model)
     detector->model = model;
     ca_copy(ROTORS(model), model->health, detector->announced);
     start_observer(detector);
+    start_rotors(detector);
     blind(detector);
     ca_detector_reset(detector);
 }
@@ -1355,13 +1393,14 @@ static void set_state(const ca_detector_model *model, const ca_real attitude[4],
 /* What came before says nothing of this state: it is long ago, or of another flight. */
 static void begin_anew(ca_detector *detector, int64_t time)
 {
-    blind(detector);
-    if (time >= detector->time)
-        return;
-    start_observer(detector);
-    detector->waiting = 0;
-    for (int i = 0; i < ROTORS(detector->model); i++)
-        detector->command[i] = detector->speeds[i] = 0;
+    /* The trim is known if it was, not long ago. */
+    if (time < detector->time || time - detector->time >= KEPT || !(detector->flown > LEARNING))
+        blind(detector);
+    if (time < detector->time) {
+        start_observer(detector);
+        start_rotors(detector);
+    }
+    lose(detector);
 }
 
 /* Set what lies between the last state and this one, and the wrench that is expected meanwhile. */
@@ -1399,7 +1438,7 @@ static int observe_step(ca_detector *detector, const state *now, const step *pas
 {
     ca_real gained[6], gain = 0;
     /* What holds a vehicle that does not move may be the ground, which is not learnt. */
-    if (past->moving && detector->blind <= ACQUAINTED && !grounded(detector))
+    if (past->moving && detector->blind <= ACQUAINTED && detector->known && !grounded(detector))
         gain = learning_gain(detector, LEARNING);
     for (int k = 0; k < 6; k++)
         gained[k] = now->momentum[k] - detector->momentum[k];
@@ -1470,6 +1509,12 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
         const ca_real share = settled(past.length / REST);
         for (int i = 0; i < ROTORS(detector->model); i++)
             detector->mean_thrusts[i] += share * (past.thrusts[i] - detector->mean_thrusts[i]);
+        return 0;
+    }
+    if (!detector->known) {
+        /* The motion explains nothing, nor that before: commands were missing already. */
+        forget(detector, 0);
+        memset(&detector->sums, 0, sizeof detector->sums);
         return 0;
     }
     if (!counts)
