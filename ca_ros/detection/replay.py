@@ -112,7 +112,10 @@ def motion_of(vehicle: Vehicle, recording: Recording) -> Motion:
     start, end = recording.span
     times = recording.times['gyro']
     times = times[(times >= start) & (times <= end)]
-    for names, begin, until in gaps(recording, used):
+    state = {'attitude', 'velocity'}
+    carried = {*state, 'acc'} <= recording.times.keys()  # where they stop: see `_stood_by`
+    for names, begin, until in gaps(recording, [name for name in used if not (
+            carried and name in state)]):
         notes.append(f'{names}: nothing from {begin - start:.2f} s on, for {until - begin:.2f} s')
         times = times[(times <= begin) | (times >= until)]
     gyro, force, velocity, attitude = (
