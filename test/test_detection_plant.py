@@ -308,6 +308,16 @@ def test_two_rotors_are_not_named_for_a_trim_that_is_not_known():
     assert [each.arm for each in found] == [True, True, True]
 
 
+def test_both_engines_name_the_same_where_states_stop():
+    # The imu takes over after half a second, and the detector begins anew.
+    each, other = (
+        failing(Setup.load('hexarotor', make=make, force='stopped'), 'usual', FLOWN['usual'],
+                'total', range(10, 16))
+        for make in (make_detector, FailureDetector))
+    assert each == other
+    assert all(found.right and not found.early for found in each)
+
+
 def test_both_engines_name_the_same_after_a_take_off():
     each, other = (
         failing(Setup.load('hexarotor', make=make), 'landings', FLOWN['landings'], 'total',

@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ca_ros.detection.inertial import AHEAD, HELD, InertialMotion, SpecificForces
+from ca_ros.control.momentum_observer import GAP
+from ca_ros.detection.inertial import AHEAD, HELD, InertialMotion, SpecificForces, Standby
 from ca_ros.vehicle.state import rotation_matrix
 
 MS = 1_000_000  # [ns]
@@ -105,3 +106,33 @@ def test_the_motion_follows_the_gyro_and_the_force():
     # It forgets half of it in a second: 2 (1 - exp(-0.5)).
     np.testing.assert_allclose(body, [0.787, 0.0, 0.0], atol=2e-3)
     np.testing.assert_allclose(motion.velocity, [0.0, 0.787, 0.0], atol=2e-3)
+
+
+def test_an_imu_serves_alone_until_the_first_state_and_half_a_second_after_the_last():
+    standby, left = Standby(9.81), np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
+    standby.sense(0, np.zeros(3), force(0.0))
+    assert standby.alone
+    # It flies to the left, which is where its nose points.
+    standby.hear(left, np.array([2.0, 0.0, 0.0]))
+    for k in range(1, 101):
+        attitude, velocity = standby.sense(10 * k * MS, np.zeros(3), force(0.0))
+        assert standby.alone == (10 * k * MS >= GAP)
+    np.testing.assert_allclose(attitude, left, atol=1e-9)
+    # Of the velocity exp(-0.5) is left after a second.
+    np.testing.assert_allclose(velocity, [1.213, 0.0, 0.0], atol=5e-3)
+    standby.hear(left, np.zeros(3))
+    assert not standby.alone
+    _, velocity = standby.sense(1010 * MS, np.zeros(3), force(0.0))
+    assert not standby.alone
+    np.testing.assert_array_equal(velocity, np.zeros(3))
+
+
+def test_after_a_gap_of_the_imu_nothing_is_carried_on_and_the_time_does_not_count():
+    standby = Standby(9.81)
+    standby.hear(np.array([0.0, 0.0, 1.0, 0.0]), np.ones(3))
+    for time in (0, GAP, 0, 0):
+        attitude, velocity = standby.sense(time, np.zeros(3), force(0.0))
+        assert not standby.alone
+        if time:
+            np.testing.assert_array_equal(attitude, [0.0, 0.0, 0.0, 1.0])
+            np.testing.assert_array_equal(velocity, np.zeros(3))

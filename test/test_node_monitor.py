@@ -389,6 +389,39 @@ def test_the_force_of_an_imu_with_another_clock_is_not_used_and_the_monitor_says
     assert 1.2 < named[0] < 1.6
 
 
+def test_an_imu_serves_alone_after_states_have_stopped_until_they_return(graph):
+    graph.start(
+        'monitor', '--vehicle', 'hexarotor', '--ros-args',
+        '-p', 'detector.imu_position:=[0.05, 0.0, 0.02]', '-p', 'command_timeout:=5.0')
+    graph.connect('monitor')
+    vehicle, diagnostics = Imu(graph, '2@1000'), Diagnostics(graph)
+
+    def heard(states):
+        def met(_, message, __):
+            for _ in range(4):
+                vehicle.fly(states=states)
+            words = 'on the ground' if states else 'states have stopped: imu serves alone'
+            return message == words
+
+        return met
+
+    for what in 'states count', 'states have returned':
+        diagnostics.wait('monitor', heard(states=True), what)
+        diagnostics.wait('monitor', heard(states=False), 'the imu serves alone')
+    begun = vehicle.plant.elapsed
+
+    def flown(health):
+        return [vehicle.fly() for _ in range(4)][-1] == health
+
+    graph.spin_until(
+        lambda: flown([1] * 6) and vehicle.plant.elapsed > begun + 2_000_000_000,
+        'what is usual is known')
+    failed = vehicle.plant.elapsed
+    vehicle.plant.failures = RotorFailures.read([f'2@{failed / 1e9 + 0.1}'])
+    graph.spin_until(lambda: flown([1, 0, 1, 1, 1, 1]), 'rotor 2 is named')
+    assert 0.1 < (vehicle.plant.elapsed - failed) / 1e9 < 0.6
+
+
 def lost(*rotors):
     return lambda speeds: (np.flatnonzero(speeds == 0.0) + 1).tolist() == [*rotors]
 

@@ -14,6 +14,7 @@ from ca_ros import Vehicle
 from ca_ros.__main__ import main
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.detection.replay import Naming, motion_of, replay, without_rotor
 from ca_ros.settings import ParameterError
@@ -74,6 +75,41 @@ def test_nothing_is_named_in_a_sound_flight_and_an_injected_loss_is():
         first = replay(vehicle, recording, SETTINGS, lost).named[0]
         assert first.rotors == (rotor,)
         assert 3.5 < first.time < 3.7
+
+
+def stopped(recording, start, end):
+    """Return a flight in which no state comes for some time [s]."""
+    times, values = dict(recording.times), dict(recording.values)
+    for name in 'attitude', 'velocity':
+        kept = (times[name] <= start) | (times[name] > end)
+        times[name], values[name] = times[name][kept], values[name][kept]
+    return Recording(times, values, 'flight')
+
+
+@pytest.mark.parametrize('make', [FailureDetector, make_detector])
+@pytest.mark.parametrize(('end', 'served'), [(2.0, False), (2.9, True), (9.0, True)])
+def test_the_imu_serves_alone_where_states_stop(make, end, served):
+    vehicle, recording, _ = recorded()
+    _, lost, _ = recorded(2)
+    sound = replay(vehicle, stopped(recording, 1.8, end), SETTINGS, make=make)
+    assert sound.named == []
+    assert sound.notes == served * [
+        'no state from 1.80 s on: gyro and accelerometer carry it on']
+    assert len(sound.times) == len(recording.times['gyro']) - served * 49
+    first = replay(vehicle, stopped(lost, 1.8, end), SETTINGS, make=make).named[0]
+    assert first.rotors == (2,)
+    assert 4.0 < first.time < 4.4
+
+
+def test_what_is_carried_on_is_near_the_states_that_did_not_come():
+    vehicle, recording, _ = recorded()
+    carried = motion_of(vehicle, stopped(recording, 1.8, 9.0))
+    known = motion_of(vehicle, recording)
+    at = np.searchsorted(known.times, carried.times[-1])
+    # It flies 2 m to the side, and turns by 1 rad.
+    between = abs(carried.attitude[-1].dot(known.attitude[at]))
+    assert 2.0 * np.arccos(min(between, 1.0)) < 0.2
+    assert abs(known.attitude[at][2]) > 0.2
 
 
 def test_an_injected_loss_moves_the_vehicle_as_a_real_one():

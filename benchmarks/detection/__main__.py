@@ -20,6 +20,7 @@ from benchmarks.detection.flights import (
     DURATION,
     POOLED,
     PUBLISHED,
+    STOPPED,
     TUNING,
     VEHICLES,
     Count,
@@ -59,8 +60,8 @@ def _jobs(options: argparse.Namespace) -> list[tuple[Callable[[Any], Any], tuple
         raise CaRosError(f'seeds below {TUNING} are for trials: fly less')
     flown = CAUSES if options.causes else options.conditions
     soon = [kind for kind in options.kinds if kind == 'total']
-    if options.imu == 'alone' and reallocated + acting:
-        raise CaRosError('--imu alone: without --flights and --acting')
+    if options.imu in ('alone', 'stopped') and reallocated + acting:
+        raise CaRosError(f'--imu {options.imu}: without --flights and --acting')
     given = {'force': options.imu, 'settings': dict(options.settings)}
     parts = [
         (fly, flown, [''], flights), (fly, CONTACTS, [''], contacts),
@@ -136,8 +137,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--causes', action='store_true', help='conditions in which one thing alone is not ideal')
     add('--set', dest='settings', type=_setting, nargs='+', default=[], metavar='NAME=VALUE',
         help='settings of the detector, as in velocity_noise=0.05')
-    add('--imu', nargs='?', const='beside', default='', choices=['beside', 'alone'],
-        help='the detector gets the specific force, too, or angular velocity and this alone')
+    add('--imu', nargs='?', const='beside', default='', choices=['beside', 'alone', 'stopped'],
+        help='the detector gets the specific force, too, or angular velocity and this alone, or '
+        f'this from {STOPPED:g} s on')
     add('--publish', action='store_true', help=f'seeds from {PUBLISHED} on')
     add('--first', type=int, default=0, help='seed of the first flight, without --publish')
     add('--jobs', type=int, default=1, help='processes')

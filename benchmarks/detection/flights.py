@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.detection.conditions import CAUSES, CONTACTS, DELAY, FLOWN, LAG, LOSSES, Condition
 from benchmarks.detection.plant import (
@@ -19,7 +20,7 @@ from benchmarks.detection.plant import (
 )
 from ca_ros.arrays import Array
 from ca_ros.detection.detector_settings import DetectorSettings
-from ca_ros.detection.inertial import InertialMotion
+from ca_ros.detection.inertial import Standby
 from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -35,6 +36,7 @@ DURATION = 120.0  # of a flight without a failure [s]
 LOST = 6.0, 12.0  # when a rotor fails in a flight, at the earliest [s]
 LIFTED = 0.1, 1.0  # the same after a take-off, where there are landings [s]
 NAMED = 2.0  # how long a failure may take to be named [s]
+STOPPED = 4.0  # when states stop, with `force` 'stopped' [s]
 BEFORE = 0.5  # a landing begins so long before its first contact [s]
 STATED = 'time', 'attitude', 'velocity', 'rates', 'specific_force', 'command'
 
@@ -50,8 +52,9 @@ def namings(detector: Any, rows: Rows, n: int, force: str = '') -> Iterator[Alar
 
     `force`: see `Setup`.
     """
-    if force == 'alone':
-        rows = alone(rows, detector.vehicle.gravity)
+    come = np.ones(len(rows), bool)
+    if force in ('alone', 'stopped'):
+        rows, come = alone(rows, detector.vehicle.gravity, STOPPED if force == 'stopped' else 0.0)
     times, *columns, commands = (rows[name] for name in STATED)
     commands = np.ascontiguousarray(commands[:, :n])
     columns = [np.ascontiguousarray(each) for each in columns[:None if force else 3]]
@@ -59,7 +62,7 @@ def namings(detector: Any, rows: Rows, n: int, force: str = '') -> Iterator[Alar
     if force:
         states = [{'specific_force': each} for each in columns.pop()]
     for i, (time, *state) in enumerate(zip(times.tolist(), *columns, strict=True)):
-        if observe(time, *state, **(states[i] if force else {})):
+        if come[i] and observe(time, *state, **(states[i] if force else {})):
             health = np.asarray(detector.health)
             if (health < 1.0).any():
                 yield i, tuple(np.flatnonzero(health < 1.0).tolist())
@@ -67,14 +70,21 @@ def namings(detector: Any, rows: Rows, n: int, force: str = '') -> Iterator[Alar
         command(time, commands[i])
 
 
-def alone(rows: Rows, gravity: float) -> Rows:
-    """Return rows with attitude and velocity of gyro and accelerometer alone."""
-    motion, rows = InertialMotion(gravity), rows.copy()
-    for step, row in zip(np.diff(rows['time'], prepend=rows['time'][0]) / 1e9, rows, strict=True):
-        motion.turn(step, row['rates'], row['specific_force'])
-        row['attitude'] = motion.attitude
-        row['velocity'] = motion.move(step, row['specific_force'])
-    return rows
+def alone(rows: Rows, gravity: float, stop: float) -> tuple[Rows, NDArray[np.bool_]]:
+    """Return rows with attitude and velocity of gyro and accelerometer alone from a time [s] on.
+
+    Also return which rows a detector gets: until the unit takes over, none.
+    """
+    standby, rows, come = Standby(gravity), rows.copy(), np.ones(len(rows), bool)
+    for i, row in enumerate(rows):
+        carried = standby.sense(int(row['time']), row['rates'], row['specific_force'])
+        if row['time'] - rows['time'][0] < 1e9 * stop:
+            standby.hear(row['attitude'].copy(), row['velocity'])
+        elif standby.alone:
+            row['attitude'], row['velocity'] = carried
+        else:
+            come[i] = False
+    return rows, come
 
 
 @dataclass
@@ -145,7 +155,8 @@ class Setup:
     """A vehicle, what the controller believes of it, and its detector.
 
     - `make`: makes the detector
-    - `force`: 'beside': it also gets the specific force; 'alone': rates and specific force alone
+    - `force`: 'beside': it also gets the specific force; 'alone': rates and specific force alone;
+      'stopped': the same from `STOPPED` s on
     - `settings`: of `detector.*`, beside the lag and the delay that it is told
     """
 

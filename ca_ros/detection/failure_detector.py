@@ -125,8 +125,7 @@ class FailureDetector:
     @property
     def testing(self) -> bool:
         """Whether losses are tested: in the air, with the speeds of the motors known."""
-        motion = self._motion
-        return motion.rotors.known and not (self.standing or motion._blind)
+        return self._motion.testing
 
     @property
     def settling(self) -> int:

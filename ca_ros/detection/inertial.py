@@ -3,6 +3,7 @@
 import numpy as np
 
 from ca_ros.arrays import Array
+from ca_ros.control.momentum_observer import GAP
 from ca_ros.vehicle.state import cross, rotation_matrix
 
 LEVELLING = 0.1  # rate at which the specific force levels the attitude [1/s]
@@ -75,6 +76,10 @@ class InertialMotion:
         self._gravity = gravity
         self.attitude, self.velocity = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
 
+    def begin(self, attitude: Array, velocity: Array) -> None:
+        """Begin anew with an attitude (4,) and a velocity (3,) in the body frame [m/s]."""
+        self.attitude, self.velocity = attitude, rotation_matrix(attitude).dot(velocity)
+
     def turn(self, step: float, angular_velocity: Array, force: Array) -> None:
         """Turn by an angular velocity (3,) [rad/s] for a step [s], and a little to the force."""
         q, up = self.attitude, rotation_matrix(self.attitude)[2]
@@ -91,3 +96,38 @@ class InertialMotion:
         acceleration = turn @ force - [0.0, 0.0, self._gravity]
         self.velocity = self.velocity + step * (acceleration - LEAK * self.velocity)
         return np.asarray(turn.T @ self.velocity)
+
+
+class Standby:
+    """An inertial unit that serves alone where no state comes, or none any more.
+
+    It carries attitude and velocity on from the last state.  It serves after `GAP`: the detector
+    then begins anew, since such a gap leaves it without the motion and the speeds of the motors.
+
+    - `alone`: whether it serves
+    """
+
+    def __init__(self, gravity: float) -> None:
+        self.alone, self._gravity = False, gravity
+        self._motion = InertialMotion(gravity)
+        self._time: int | None = None
+        self._silence = GAP
+
+    def hear(self, attitude: Array, velocity: Array) -> None:
+        """Take a state: attitude (4,), velocity (3,) in the body frame [m/s]."""
+        self.alone, self._silence = False, 0
+        self._motion.begin(attitude, velocity)
+
+    def sense(self, time: int, angular_velocity: Array, force: Array) -> tuple[Array, Array]:
+        """Take a sample with its stamp [ns]; return attitude (4,) and velocity (3,) in the body.
+
+        After a gap of `GAP` or a step back of the stamps attitude and velocity begin at zero.
+        """
+        step = 0 if self._time is None else time - self._time
+        self._time = time
+        if not 0 <= step < GAP:
+            self._motion, step = InertialMotion(self._gravity), 0
+        self._silence += step
+        self.alone = self._silence >= GAP
+        self._motion.turn(step / 1e9, angular_velocity, force)
+        return self._motion.attitude, self._motion.move(step / 1e9, force)

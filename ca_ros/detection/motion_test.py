@@ -181,6 +181,11 @@ class MotionTest:
         return np.asarray(gained)
 
     @property
+    def testing(self) -> bool:
+        """Whether losses are tested: see `FailureDetector`."""
+        return self.rotors.known and not (self.observer.standing or self._blind)
+
+    @property
     def _suspicious(self) -> bool:
         return 0.0 < self._waited < PATIENCE
 

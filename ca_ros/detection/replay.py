@@ -4,12 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ca_ros.arrays import Array
 from ca_ros.control.momentum_observer import GAP
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
-from ca_ros.detection.inertial import InertialMotion
+from ca_ros.detection.inertial import InertialMotion, Standby
 from ca_ros.detection.kernel_detector import Detector
 from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.detection.rotor_beliefs import words_of
@@ -121,6 +122,9 @@ def motion_of(vehicle: Vehicle, recording: Recording) -> Motion:
     gyro, force, velocity, attitude = (
         _held(recording, name, times) for name in ('gyro', 'acc', 'velocity', 'attitude'))
     assert gyro is not None
+    if force is not None and velocity is not None and attitude is not None:
+        return _stood_by(
+            vehicle, recording, Motion(times, attitude, velocity, gyro, force, notes))
     if force is None and velocity is None:
         raise ParameterError(f'{recording.name}: expected a velocity, or a specific force')
     if force is None:
@@ -138,12 +142,48 @@ def motion_of(vehicle: Vehicle, recording: Recording) -> Motion:
     return Motion(times, attitude, velocity, gyro, force, notes)
 
 
+def _stood_by(vehicle: Vehicle, recording: Recording, motion: Motion) -> Motion:
+    """Return a motion that `Standby` carries on where attitude or velocity stop, as the monitor.
+
+    Until it serves, nothing is observed.
+    """
+    times, force = motion.times, motion.force
+    assert force is not None
+    last = np.minimum(*(
+        recording.times[name][_last(recording, name, times)] for name in ('attitude', 'velocity')))
+    if (abs(times - last) < GAP / 1e9).all():
+        return motion
+    standby, kept, heard = Standby(vehicle.gravity), np.ones(len(times), bool), 0
+    fresh = np.logical_and(np.diff(last, prepend=-np.inf) > 0.0, last <= times + 1e-9)
+    for i, time in enumerate(np.round(1e9 * (times - times[0])).astype(int).tolist()):
+        before = standby.alone
+        carried = standby.sense(time, motion.gyro[i], force[i])
+        if fresh[i]:
+            heard = i
+            standby.hear(motion.attitude[i], motion.velocity[i])
+        elif standby.alone:
+            motion.attitude[i], motion.velocity[i] = carried
+            if not before:
+                kept[heard + 1:i] = False
+                motion.notes.append(
+                    f'no state from {times[heard] - times[0]:.2f} s on: gyro and accelerometer '
+                    'carry it on')
+    return Motion(
+        times[kept], motion.attitude[kept], motion.velocity[kept], motion.gyro[kept], force[kept],
+        motion.notes)
+
+
+def _last(recording: Recording, name: str, times: Array) -> NDArray[np.integer]:
+    """Return where the last values of a stream at some times are."""
+    at = np.searchsorted(recording.times[name], times + 1e-9, side='right') - 1
+    return np.maximum(at, 0)
+
+
 def _held(recording: Recording, name: str, times: Array) -> Array | None:
     """Return the last values of a stream at some times."""
     if name not in recording.values:
         return None
-    at = np.searchsorted(recording.times[name], times + 1e-9, side='right') - 1
-    return np.asarray(recording.values[name][np.maximum(at, 0)])
+    return np.asarray(recording.values[name][_last(recording, name, times)])
 
 
 def _levelled(times: Array, gyro: Array, force: Array, gravity: float) -> Array:

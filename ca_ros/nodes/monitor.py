@@ -11,8 +11,8 @@ from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
 from ca_ros.arrays import Array
-from ca_ros.control.momentum_observer import GAP, RESTART
-from ca_ros.detection.inertial import InertialMotion, SpecificForces
+from ca_ros.control.momentum_observer import RESTART
+from ca_ros.detection.inertial import SpecificForces, Standby
 from ca_ros.detection.kernel_detector import Detector, make_detector
 from ca_ros.detection.lag_check import LagCheck
 from ca_ros.detection.rotor_beliefs import words_of
@@ -45,9 +45,9 @@ class MonitorNode(Node):
     message says since when, and whether a reset began this, for those who know of more.
 
     With `detector.imu_position` it also takes `imu`: between two states the mean of its specific
-    force takes the place of the change of velocity.  In real time, until the first state comes,
-    angular velocity and specific force alone are observed; they do not take over from states that
-    stop.  In lockstep, a state waits for the message of its stamp.
+    force takes the place of the change of velocity.  In real time, angular velocity and specific
+    force alone are observed until the first state comes, and where states stop: see `Standby`.  In
+    lockstep, a state waits for the message of its stamp.
 
     The arguments are those of `rclpy.node.Node`.  Raises a ParameterError if a parameter is
     missing or wrong.
@@ -62,18 +62,19 @@ class MonitorNode(Node):
         self._mode = self.parameters.mode
         self._pose: PoseStamped | None = None
         self._velocity: TwistStamped | None = None
-        self._observed: int | None = None
+        self._stated: int | None = None  # stamp of the last state
+        self._observed: int | None = None  # of the last state, or sample of the Imu alone
         self._commanded: int | None = None
         self._ahead: int | None = None
         self._settled = 0
         self._published: object = None
         self._begin(messages.START)
         self._forces = SpecificForces() if settings.detector.has_imu else None
-        self._alone: InertialMotion | None = None
         self.diagnostics = Diagnostics(self, 'detection', str(settings.vehicle.name))
         self._counts = self.diagnostics.counts
         self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._use)
         self._use()
+        self._standby = Standby(self.belief.audit.vehicle.gravity)
         self._bounds = CommandBounds(self.belief.audit.vehicle)
         self._lag_check = LagCheck(self.belief.audit.vehicle, settings.detector)
         self.watchdog = CommandWatch(self, self.parameters, self.diagnostics, 'state')
@@ -138,6 +139,8 @@ class MonitorNode(Node):
             return WARN, f'rotor {detector.suspect + 1} suspected'
         if fault := self._unused():
             return WARN, fault
+        if self._standby.alone and self._stated is not None:
+            return WARN, f'states have stopped: {topics.IMU} serves alone'
         if self._lag_check.fault:
             return WARN, self._lag_check.fault
         return OK, 'on the ground' if detector.standing else 'all rotors deliver their thrust'
@@ -229,17 +232,17 @@ class MonitorNode(Node):
         if not (abs(np.concatenate([angular_velocity, force])) <= STATE_MAX).all():
             self.diagnostics.drop('imu', f'{topics.IMU}: expected numbers up to {STATE_MAX:g}')
             return
-        last = forces.time
         forces.add(time, force)
         if not self._mode.clocked:
             self._observe()
-        elif self._pose is None or self._velocity is None:
-            step = 0 if last is None else time - last
-            if not self._alone or not 0 <= step < GAP:
-                self._alone = InertialMotion(self.detector.vehicle.gravity)
-            self._alone.turn(step / 1e9, angular_velocity, force)
-            velocity = self._alone.move(step / 1e9, force)
-            self._take(time, self._alone.attitude, (velocity, angular_velocity), force)
+            return
+        before = self._standby.alone
+        attitude, velocity = self._standby.sense(time, angular_velocity, force)
+        # Commands have the clock of the states.
+        if self._standby.alone and not forces.fault:
+            if not before:
+                self._interrupt()
+            self._take(time, attitude, (velocity, angular_velocity), force)
 
     def _observe(self) -> None:
         pose, velocity = self._pose, self._velocity
@@ -249,7 +252,7 @@ class MonitorNode(Node):
         each = not self._mode.clocked
         if each and self._forces is not None and self._forces.time != time:
             return
-        if time == self._observed:
+        if time == self._stated:
             if each:
                 self._publish(time)
             return
@@ -271,23 +274,29 @@ class MonitorNode(Node):
             if fault := self._unused():
                 self.diagnostics.warn('unused', fault)
         _, attitude = messages.pose_arrays(pose)
-        if self._alone is not None:
-            # Attitude and velocity begin anew.
-            self._alone, self._settled = None, max(self._settled, time + 1)
-        self._take(time, attitude, messages.twist_arrays(velocity), force)
+        if self._standby.alone:
+            self._interrupt()
+        motion = messages.twist_arrays(velocity)
+        if self._take(time, attitude, motion, force):
+            self._stated = time
+            self._standby.hear(attitude, motion[0])
+
+    def _interrupt(self) -> None:
+        """Take the next state as one that does not continue those before."""
+        self.detector.interrupt()
+        self._lag_check.interrupt()
 
     def _take(
         self, time: int, attitude: Array, motion: tuple[Array, Array], force: Array | None
-    ) -> None:
-        """Observe a state: velocity and angular velocity are its motion."""
+    ) -> bool:
+        """Observe a state, whose motion is velocity and angular velocity; False if it is none."""
         if time < self._settled:
-            self.detector.interrupt()
-            self._lag_check.interrupt()
+            self._interrupt()
         try:
             changed = self.detector.observe(time, attitude, *motion, force)
         except ValueError as error:
             self.diagnostics.drop('state', f'state: {error}')
-            return
+            return False
         self.watchdog.feed()
         self._observed = time
         # What is announced holds after the state of its stamp, as for those who answer this one.
@@ -296,6 +305,7 @@ class MonitorNode(Node):
             self._lag_check.observe(time, motion[1], self.detector.health)
         if changed or not self._mode.clocked:
             self._publish(time)
+        return True
 
     def _publish(self, time: int | None) -> None:
         # What others announce is not found: it ends with their word.
