@@ -510,7 +510,7 @@ def assert_equal(detectors):
         for name in ('health', 'probabilities'):
             np.testing.assert_allclose(
                 getattr(other, name), getattr(first, name), atol=1e-9, err_msg=name)
-        for name in ('since', 'evidence', 'suspect', 'standing'):
+        for name in ('since', 'evidence', 'suspect', 'standing', 'testing'):
             assert getattr(other, name) == getattr(first, name), name
 
 
@@ -753,7 +753,7 @@ def test_the_detector_in_c_is_that_in_numpy(with_a_failure, seed):
         for name in ('health', 'probabilities'):
             np.testing.assert_allclose(
                 getattr(kernel, name), getattr(reference, name), atol=1e-9, err_msg=name)
-        for name in ('since', 'evidence', 'suspect', 'standing'):
+        for name in ('since', 'evidence', 'suspect', 'standing', 'testing'):
             assert getattr(kernel, name) == getattr(reference, name), name
         found += True in changed
         if found == 2:

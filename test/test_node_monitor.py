@@ -422,6 +422,25 @@ def test_an_imu_serves_alone_after_states_have_stopped_until_they_return(graph):
     assert 0.1 < (vehicle.plant.elapsed - failed) / 1e9 < 0.6
 
 
+def test_the_monitor_says_when_no_rotor_is_tested(graph):
+    place = 'detector.imu_position:=[0.05, 0.0, 0.02]'
+    graph.start('monitor', '--vehicle', 'hexarotor', '--ros-args', '-p', place)
+    vehicle, diagnostics = Imu(graph, '2@1000'), Diagnostics(graph)
+    vehicle.speeds *= 1.01  # it climbs: what does not move might stand
+    graph.connect('monitor')
+    graph.node.create_timer(0.005, lambda: vehicle.fly(states=True))
+
+    def says(level, words):
+        diagnostics.wait(
+            'monitor', lambda *status: status[0] == level and words in status[1], words)
+
+    says(b'\0', 'all rotors deliver their thrust')
+    diagnostics.arrays.clear()
+    reset(graph)
+    says(b'\1', 'no rotor is tested')
+    says(b'\0', 'all rotors deliver their thrust')
+
+
 def lost(*rotors):
     return lambda speeds: (np.flatnonzero(speeds == 0.0) + 1).tolist() == [*rotors]
 

@@ -90,6 +90,11 @@ class KernelDetector:
         """Whether the vehicle stands; then nothing is detected."""
         return bool(self._kernel.status()[1])
 
+    @property
+    def testing(self) -> bool:
+        """Whether losses are tested: in the air, with the speeds of the motors known."""
+        return bool(self._kernel.status()[2])
+
 
 Detector = FailureDetector | KernelDetector
 

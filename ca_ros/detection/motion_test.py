@@ -183,7 +183,8 @@ class MotionTest:
     @property
     def testing(self) -> bool:
         """Whether losses are tested: see `FailureDetector`."""
-        return self.rotors.known and not (self.observer.standing or self._blind)
+        in_air = self.usual.flown > 0.0 and not self.observer.standing
+        return in_air and self.rotors.known and not self._blind
 
     @property
     def _suspicious(self) -> bool:

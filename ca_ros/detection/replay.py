@@ -212,8 +212,7 @@ def replay(
     """Replay a recording, whose commands are rotor speeds [rad/s]; after a name, reset.
 
     - `motion`: by default `motion_of` the recording
-    - `make`: makes the detector; with `make_detector` it is quicker, and neither margins nor what
-      is tested are known
+    - `make`: makes the detector; with `make_detector` it is quicker, and margins are not known
     """
     motion = motion_of(vehicle, recording) if motion is None else motion
     detector = make(vehicle, settings)
@@ -233,7 +232,7 @@ def replay(
             next_command += 1
         step = now - motion.times[i - 1] if i else 0.0
         off_ground = 0.0 if detector.standing else off_ground + step
-        flying[i], tested[i] = not detector.standing, getattr(detector, 'testing', False)
+        flying[i], tested[i] = not detector.standing, detector.testing
         probabilities[i] = detector.probabilities
         lost = np.flatnonzero(detector.health < vehicle.health)
         if changed and len(lost):

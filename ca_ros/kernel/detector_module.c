@@ -200,7 +200,10 @@ static PyObject *probabilities(object *self, PyObject *array)
 static PyObject *status(object *self, PyObject *unused)
 {
     (void)unused;
-    return Py_BuildValue("(ii)", self->detector.suspect, self->detector.standing);
+    const ca_detector *detector = &self->detector;
+    const int in_air = detector->flown > 0 && !detector->standing;
+    const int testing = in_air && detector->known && !detector->blind;
+    return Py_BuildValue("(iii)", detector->suspect, detector->standing, testing);
 }
 
 static PyObject *failures(object *self, PyObject *unused)
@@ -250,7 +253,7 @@ static PyMethodDef methods[] = {
     METHOD(health, METH_O, "health(array): write the health of the rotors"),
     METHOD(probabilities, METH_O,
            "probabilities(array): write those of each failure and of a disturbance"),
-    METHOD(status, METH_NOARGS, "status(): return the suspect or -1, and whether it stands"),
+    METHOD(status, METH_NOARGS, "status(): return the suspect or -1, whether it stands, and is tested"),
     METHOD(failures, METH_NOARGS, "failures(): return (since, evidence, partner in a named arm or -1) of each rotor"),
     {NULL, NULL, 0, NULL}};
 

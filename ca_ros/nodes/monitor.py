@@ -33,6 +33,10 @@ from ca_ros.vehicle.state import STATE_MAX
 FOUND = 'failure found of rotor '
 """Name of the values of the diagnostics that say when a failure was found."""
 
+UNTESTED = (
+    'no rotor is tested: commands are missing, or a flight has just begun, by a start in the air, '
+    'a reset or a gap of the states')
+
 SETTLING = 300_000_000
 """Time after a restart of the states until the motors are sure to follow the commands [ns]."""
 
@@ -143,7 +147,11 @@ class MonitorNode(Node):
             return WARN, f'states have stopped: {topics.IMU} serves alone'
         if self._lag_check.fault:
             return WARN, self._lag_check.fault
-        return OK, 'on the ground' if detector.standing else 'all rotors deliver their thrust'
+        if detector.standing:
+            return OK, 'on the ground'
+        if not detector.testing or (self._observed or 0) < self._settled:
+            return WARN, UNTESTED
+        return OK, 'all rotors deliver their thrust'
 
     def _unused(self) -> str:
         """Return why the specific force is not used; empty if it is, or there is to be none."""
