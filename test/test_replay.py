@@ -250,6 +250,28 @@ def test_units_and_frames_that_cannot_be_are_named(spoil, acc, answer):
         motion_of(vehicle, Recording(recording.times, values, 'flight'))
 
 
+def test_a_velocity_of_the_world_frame_is_told_without_an_accelerometer():
+    setup = Setup.load('hexarotor')
+    truth, mission = FLOWN['aggressive'].draw(setup.model, np.random.default_rng(4001), 16.0)
+    rows = Plant(setup.model, truth, mission, 4001).fly(16.0)
+    values = {
+        'command': rows['command'][:, :6], 'gyro': rows['rates'], 'attitude': rows['attitude'],
+        'velocity': rows['velocity']}
+    times = dict.fromkeys(values, rows['time'] / 1e9)
+    motion_of(setup.vehicle, Recording(times, values, 'flight'))
+    world(values)
+    with pytest.raises(ParameterError, match=r'velocity: .* read as of the world frame'):
+        motion_of(setup.vehicle, Recording(times, values, 'flight'))
+
+
+def test_what_no_other_reading_explains_is_said():
+    vehicle, recording, _ = recorded()
+    values = recording.values['acc'].copy()
+    values[250:] *= -1.0
+    found = motion_of(vehicle, recording.with_stream('acc', values))
+    assert re.fullmatch('acc: 1[89].* m/s.2 away from what the other streams say', found.notes[0])
+
+
 def thinned(recording, name, kept):
     times, values = dict(recording.times), dict(recording.values)
     times[name], values[name] = times[name][kept], values[name][kept]

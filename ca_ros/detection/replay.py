@@ -107,9 +107,7 @@ def motion_of(vehicle: Vehicle, recording: Recording) -> Motion:
     velocity nor specific force is recorded, or a stream cannot be true.
     """
     used = [name for name in recording.times if name != 'speed']
-    notes = clipped(vehicle, recording)
-    check(vehicle, recording)
-    notes += slow(recording, used)
+    notes = clipped(vehicle, recording) + check(vehicle, recording) + slow(recording, used)
     start, end = recording.span
     times = recording.times['gyro']
     times = times[(times >= start) & (times <= end)]
@@ -128,12 +126,12 @@ def motion_of(vehicle: Vehicle, recording: Recording) -> Motion:
     if force is None and velocity is None:
         raise ParameterError(f'{recording.name}: expected a velocity, or a specific force')
     if force is None:
-        notes.append('no specific force: the change of velocity takes its place, and its frame is '
-                     'not checked')
+        notes.append('no specific force: the change of velocity takes its place')
     if attitude is None:
         if force is None:
             raise ParameterError(f'{recording.name}: expected an attitude, or a specific force')
-        notes.append('no attitude: gyro and accelerometer give it')
+        notes.append(
+            'no attitude: gyro and accelerometer give it; the unit of the gyro is not checked')
         attitude = _levelled(times, gyro, force, vehicle.gravity)
     if velocity is None:
         assert force is not None
