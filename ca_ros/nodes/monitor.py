@@ -131,7 +131,8 @@ class MonitorNode(Node):
         failed = []
         for rotor, words in words_of(found, detector.failed_arms).items():
             i, arm = rotor - 1, words != str(rotor)
-            what = 'failed' if arm else 'lost' if lost[i] else 'weak'
+            left = f'weak, {100.0 * detector.health[i]:.0f} % left,'
+            what = 'failed' if arm else 'lost' if lost[i] else left
             seconds = (detector.since[i] or 0) / 1e9
             failed.append(f'rotor {words} {what} since {seconds:.2f} s ({detector.evidence[i]})')
         if failed:
