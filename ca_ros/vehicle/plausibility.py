@@ -173,7 +173,7 @@ def check(vehicle: Vehicle, recording: Recording, source: str = 'command') -> li
                         raise ParameterError(
                             f'{recording.name}: {name}: {given:.3g} {unit} away from what the '
                             f'other streams say; read as {words} {least:.3g}: expected {expected}')
-        if given > tolerances[0]:
+        if given > CLEARLY * tolerances[0]:
             notes.append(f'{names[0]}: {given:.3g} {unit} away from what the other streams say')
     return notes
 
