@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -187,7 +188,7 @@ class Client:
 
 def measure(clients: Mapping[str, Client], blocks: int, seconds: float) -> pd.DataFrame:
     """Return the rows of `measure_nodes`; the clients take turns at being the first."""
-    rows = []
+    rows: list[dict[str, Any]] = []
     least = len(RATES) * blocks * len(clients) * seconds / 60.0
     print(f'{", ".join(clients)}: at least {least:.1f} min', flush=True)
     for rate in RATES:
