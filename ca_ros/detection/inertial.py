@@ -101,8 +101,8 @@ class InertialMotion:
 class Standby:
     """An inertial unit that serves alone where no state comes, or none any more.
 
-    It carries attitude and velocity on from the last state.  It serves after `GAP`: the detector
-    then begins anew, since such a gap leaves it without the motion and the speeds of the motors.
+    It carries attitude and velocity on from the last state.  It serves after `GAP`, which the
+    detector takes as a gap of the states: the motion in it explains nothing.
 
     - `alone`: whether it serves
     """
