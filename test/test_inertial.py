@@ -69,6 +69,27 @@ def test_a_sample_of_another_time_is_no_part_of_the_mean():
     assert not forces.fault
 
 
+def test_that_samples_have_stopped_holds_until_they_come_again_but_not_a_wrong_clock():
+    def flown(ahead, stopped):
+        """Fly for 0.2 s at 100 Hz; then the states stop, and the samples go on."""
+        forces = SpecificForces()
+        for step in range(1, 60):
+            if step not in stopped:
+                forces.add(10 * MS * step + ahead, force(1.0))
+            if step <= 20:
+                forces.mean(10 * MS * (step - 1), 10 * MS * step)
+            yield forces.fault
+
+    assert set(flown(0, ())) == {''}
+    for stopped in range(10, 40), range(40):
+        faults = [*flown(0, stopped)]
+        assert all(faults[20:stopped.stop - 1])
+        assert not any(faults[stopped.stop - 1:])
+    for ahead, words in ((200 * MS, 'ahead'), (-200 * MS, 'is behind'), (-55 * MS, 'is behind')):
+        for stopped in (), range(10, 12):
+            assert all(words in each for each in [*flown(ahead, stopped)][20:])
+
+
 @given(st.lists(st.integers(1, 20), min_size=5, max_size=40), st.integers(1, 15))
 def test_means_of_states_at_any_rate_add_up(gaps, period):
     """Each sample counts once, however many of them come between two states."""

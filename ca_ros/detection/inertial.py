@@ -12,6 +12,10 @@ HELD = 50_000_000  # how far from its stamp a sample counts at most [ns]
 AHEAD = 100_000_000  # how much older than the newest sample a state is at most [ns]
 SAMPLES_MAX = 1000  # samples that may wait for a state
 
+NONE = 'none has come'
+STOPPED = 'it has stopped, or its clock is behind that of the states'
+BEHIND = 'its clock is behind that of the states'
+
 
 class SpecificForces:
     """Samples of the specific force, from which the mean between two states is taken.
@@ -20,19 +24,23 @@ class SpecificForces:
     of the stamps forgets what was before.
 
     - `time`: stamp of the newest sample [ns]; None before the first
-    - `fault`: why samples far from the last state are not used, in words; empty if they are
+    - `fault`: why samples far from the last state are not used, in words; empty if they are.
+      That they have stopped holds until one is newer than that state.
     """
 
     def __init__(self) -> None:
         self.time: int | None = None
         self.fault = ''
         self._samples: list[tuple[int, Array]] = []
+        self._end, self._came = 0, False
 
     def add(self, time: int, force: Array) -> None:
         """Add a sample (3,) [m/s^2] with its stamp [ns]; one for the second time replaces it."""
         if self.time is not None and time <= self.time:
             self._samples = self._samples[:-1] if time == self.time else []
-        self.time = time
+        self.time, self._came = time, True
+        if self.fault in (NONE, STOPPED) and time > self._end:
+            self.fault = ''
         self._samples.append((time, force))
         del self._samples[:-SAMPLES_MAX]
 
@@ -43,10 +51,13 @@ class SpecificForces:
         clocks differ.
         """
         lead = None if self.time is None else self.time - end
+        # Samples that come, and are still too old, have another clock.
+        behind = self.fault == BEHIND or (self.fault == STOPPED and self._came)
+        self._end, self._came = end, False
         self.fault = (
-            'none has come' if lead is None else
+            NONE if lead is None else
             'its clock is ahead of that of the states' if lead > AHEAD else
-            'it has stopped, or its clock is behind that of the states' if lead < -HELD else '')
+            '' if lead >= -HELD else BEHIND if behind else STOPPED)
         if self.fault:
             del self._samples[:-1]
         if self.fault or not start < end:
