@@ -496,3 +496,23 @@ def test_of_two_monitors_each_replaces_what_it_has_found_itself_until_a_reset(gr
     ):
         say(origin, *failed)
         allocator.commands(lost(*together), f'{origin}: {failed}')
+
+
+def test_an_arm_counts_no_more_where_a_later_monitor_tells_which_rotor_has_failed(graph):
+    graph.start('allocator', '--vehicle', 'x8')
+    publisher = graph.node.create_publisher(Float64MultiArray, 'rotor_health', STANDING)
+    diagnostics, half = Diagnostics(graph), (0.5, 0.5)
+    for origin, health, arms, together in (
+        ('start 1', half, [(1, 2)], '0.5, 0.5'), ('start 2', (1, 1), [], '0.5, 0.5'),
+        ('start 2', (0, 1), [], '0, 1'), ('start 2', (1, 0), [], '1, 0'),
+        ('start 2', (0, 0), [], '0, 0'), ('start 1', (1, 1), [], '0, 0'),
+        ('reset 3', (0, 1), [], '0, 1'), ('start 4', half, [(1, 2)], '0, 0.5'),
+        ('reset 5', half, [(1, 2)], '0.5, 0.5'), ('start 6', half, [(1, 2)], '0.5, 0.5'),
+        ('start 6', (0, 1), [], '0, 1'),
+    ):
+        said = np.array([*health, *[1.0] * 6])
+        message = messages.health_message(said, arms, origin)
+        publisher.publish(messages.fill_speeds(message, said, None))
+        diagnostics.wait(
+            'allocator', lambda *status, together=together: status[2].get(
+                'health in use', '').startswith(f'{together}, 1, '), f'{origin}: {health}')

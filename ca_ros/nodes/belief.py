@@ -257,7 +257,20 @@ class Belief:
 
 
 def _least(monitors: Iterable[Failures]) -> Failures:
-    """Return what monitors say together: the least health of each rotor, and all arms."""
-    found = [*monitors]
-    arms = dict.fromkeys(arm for each in found for arm in each.arms)
-    return Failures(np.min([each.health for each in found], axis=0), tuple(arms), {})
+    """Return what monitors say together: the least health of each rotor, and all arms.
+
+    An arm counts no more where a later monitor tells which of its rotors has failed.
+    """
+    found, shares, arms = [*monitors], [], dict[tuple[int, int], None]()
+    for k, each in enumerate(found):
+        health = each.health.copy()
+        for arm in each.arms:
+            pair = [i - 1 for i in arm]
+            told = [later.health[pair] for later in found[k + 1:] if arm not in later.arms]
+            least = np.min([np.ones(2), *told], axis=0)
+            if (least < 1.0).any():
+                health[pair] = np.where(least < 1.0, health[pair], 1.0)
+            else:
+                arms[arm] = None
+        shares.append(health)
+    return Failures(np.min(shares, axis=0), tuple(arms), {})
