@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from benchmarks.detection import own_plant, tables
+from benchmarks.detection import own_plant, reallocation, tables
 from benchmarks.detection.__main__ import main
 from benchmarks.detection.conditions import CALM, CONTACTS, FLOWN, LOSSES, NOTHING, Condition
 from benchmarks.detection.flights import (
@@ -396,6 +396,13 @@ def test_a_loss_on_our_own_plant_is_judged_by_the_rotor_that_is_said_to_fail(tol
     right, wrong, after, flies = own_plant.flown(case, {told: '2@3.0'}, 1000)
     assert (right, wrong, flies) == (told == 2, told != 2, True)
     assert told != 2 or 0.0 < after < 0.15
+
+
+def test_a_rotor_that_was_named_for_its_partner_is_given_back():
+    # The arm of rotor 2 was named, then both of the next arm, which is sound.
+    flight = reallocation.flown(Setup.load('y6'), FLOWN['turbulence'], 'detected', 56)
+    assert flight.flies
+    assert (flight.rotor, flight.without) == (2, (2,))
 
 
 def test_both_engines_name_the_same_in_the_same_test():

@@ -265,6 +265,8 @@ class MotionTest:
         if len(found.named) - len(found.arms) == 2:
             self._give_back_between(found)
         arms = [rotor for arm in found.arms for rotor in arm]
+        for rotor in set(found.named) - set(arms):
+            self._give_back_partner(rotor, found)
         for rotor, share in zip(found.named, found.lost.tolist(), strict=True):
             half = rotor in arms and rotor not in beliefs.held
             whole = beliefs.health[rotor] * (0.5 if half else 1.0)
@@ -287,6 +289,17 @@ class MotionTest:
         for rotor in set(beliefs.refined) - {*found.named, *beliefs.held}:
             if beliefs.evidence[rotor] == 'motion':
                 self._give_back(rotor)
+
+    def _give_back_partner(self, rotor: int, found: Finding) -> None:
+        """Give back the partner of a coaxial rotor: it may have been named for this one before.
+
+        If both have failed, the motion names it again, and the arm gives nothing meanwhile, too.
+        """
+        beliefs, partner = self.beliefs, self.hypotheses.partners[rotor]
+        if partner is None or partner in {*found.named, *beliefs.held}:
+            return
+        if beliefs.evidence[partner] == 'motion':
+            self._give_back(partner)
 
     def _give_back(self, rotor: int) -> None:
         """Let a rotor be sound, as if from the start of the windows on."""
