@@ -162,7 +162,7 @@ SHARED = {
         'CONTACT': disturbances.CONTACT, 'LIMIT': losses.LIMIT, 'PRIOR': losses.PRIOR,
         **{name: getattr(motion_test, name) for name in (
             'CONFIRMATIONS', 'RECENT', 'TOTAL', 'SUSPICION', 'PATIENCE', 'ACQUAINTED', 'KEPT')},
-        **{name: getattr(motor_model, name) for name in ('SETTLING', 'HELD', 'SLOWEST')},
+        **{name: getattr(motor_model, name) for name in ('SETTLING', 'HELD')},
         **{name: getattr(rotor_beliefs, name) for name in (
             'REFINED', 'USELESS', 'IN_A_ROW', 'CERTAIN', 'TOLD')},
         **{name: getattr(noise_estimator, name) for name in (

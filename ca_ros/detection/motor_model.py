@@ -14,9 +14,9 @@ from ca_ros.vehicle.vehicle import Vehicle
 COMMANDS_MAX = 1000  # commands that wait to take effect; of more, the oldest are dropped
 SETTLING = 4.0  # time after which the speeds of motors and servos are known, over their lag
 
-HELD, SLOWEST = 60_000_000, 100_000_000
-"""Time for which a command counts [ns], longer than that between it and the one before, which is
-this at most.  Later, the next one has been lost, and what the rotors do is unknown."""
+HELD = 70_000_000
+"""Time for which a command counts [ns].  Later, the next one has been lost, and what the rotors do
+is unknown; with commands at 12.5 Hz and less, sound rotors are named in aggressive flight."""
 
 
 class CommandedRotors:
@@ -46,7 +46,7 @@ class CommandedRotors:
         # It is in whole milliseconds, so that single precision does not change it.
         lag = max(float(np.max(self._lag)), s.servo_time_constant)
         self.settling = 1_000_000 * int(1e3 * (SETTLING * lag + s.delay) + 0.5)
-        self.known, self._unsettled, self._due, self._between = True, 0, TIME_MAX, 0
+        self.known, self._unsettled, self._due = True, 0, TIME_MAX
         self.bounds = CommandBounds(vehicle)
         self._waiting: list[tuple[int, Array, Array]] = []
         self.speeds, self._angles = self._command = self._servos.resting
@@ -75,11 +75,10 @@ class CommandedRotors:
         while now < end:
             while self._waiting and self._waiting[0][0] <= now:
                 due, speeds, turned = self._waiting.pop(0)
-                self._command = speeds, turned
-                self._between, self._due = min(max(due - self._due, 0), SLOWEST), due
+                self._command, self._due = (speeds, turned), due
             until = min(end, self._waiting[0][0]) if self._waiting else end
             self._unsettled = max(self._unsettled - (until - now), 0)
-            if until - self._due - self._between > HELD:
+            if until - self._due > HELD:
                 self.lose()
             before, step = self.speeds, (until - now) / 1e9
             self.speeds = lagged(self._lag, before, self._command[0], step)

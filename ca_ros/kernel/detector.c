@@ -54,8 +54,7 @@
 #define MOST 2
 #define STALE INT64_C(60000000)
 #define LATE INT64_C(100000000)
-#define HELD 60000000
-#define SLOWEST 100000000
+#define HELD 70000000
 #define KEPT 2000000000
 #define KEEP CA_REAL(1.0)
 #define MOTION CA_REAL(0.05)
@@ -171,7 +170,7 @@ static void start_rotors(ca_detector *detector)
         detector->command[i] = detector->speeds[i] = 0;
     detector->known = 1;
     detector->in_force = CA_TIME_MAX;
-    detector->between = detector->unsettled = 0;
+    detector->unsettled = 0;
 }
 
 /* The time in which the speeds of the motors follow a command [ns]. */
@@ -199,8 +198,6 @@ static void advance_rotors(ca_detector *detector, int64_t start, int64_t end, ca
     detector->known = detector->unsettled == 0;
     while (start < end) {
         for (; taken < detector->waiting && detector->due[taken] <= start; taken++) {
-            const int64_t between = detector->due[taken] - detector->in_force;
-            detector->between = between < 0 ? 0 : between > SLOWEST ? SLOWEST : between;
             detector->in_force = detector->due[taken];
             ca_copy(n, detector->commands[taken], detector->command);
         }
@@ -223,7 +220,7 @@ static void advance_rotors(ca_detector *detector, int64_t start, int64_t end, ca
         const int64_t unsettled = detector->unsettled - (until - start);
         detector->unsettled = unsettled > 0 ? unsettled : 0;
         /* The next command has been lost. */
-        if (until - detector->in_force - detector->between > HELD)
+        if (until - detector->in_force > HELD)
             lose(detector);
         start = until;
     }

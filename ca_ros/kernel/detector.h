@@ -93,8 +93,8 @@ typedef struct {
     ca_real commands[CA_COMMANDS][CA_N];
     ca_real command[CA_N], speeds[CA_N];
     int known; /* whether the speeds followed the commands in the last step */
-    int64_t in_force, between, unsettled; /* when the last one took effect, how long after the one
-                                             before, and time until the speeds are known [ns] */
+    int64_t in_force, unsettled; /* when the last one took effect, and time until the speeds are
+                                    known [ns] */
     /* measured rotors */
     ca_real measured[CA_N], least[3][CA_N];
     int64_t interval;

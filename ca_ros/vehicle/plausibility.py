@@ -204,7 +204,7 @@ def slow(recording: Recording, names: Iterable[str]) -> list[str]:
         if rate * GAP < 1.0:
             raise ParameterError(
                 f'{recording.name}: {name}: {rate:.2g} values a second: expected {RATE:g}')
-    shows = 'gyro', 'acc' if 'acc' in rates else 'velocity'
+    shows = 'gyro', 'acc' if 'acc' in rates else 'velocity', 'command'
     return [f'{name}: {rates[name]:.2g} values a second: below {RATE:g} a loss may not be named'
             for name in shows if rates.get(name, RATE) < RATE]
 
