@@ -398,9 +398,11 @@ def test_a_loss_on_our_own_plant_is_judged_by_the_rotor_that_is_said_to_fail(tol
     assert told != 2 or 0.0 < after < 0.15
 
 
-def test_a_rotor_that_was_named_for_its_partner_is_given_back():
-    # The arm of rotor 2 was named, then both of the next arm, which is sound.
-    flight = reallocation.flown(Setup.load('y6'), FLOWN['turbulence'], 'detected', 56)
+@pytest.mark.parametrize('make', [make_detector, FailureDetector])
+def test_a_rotor_that_was_named_for_its_partner_is_given_back(make):
+    # The arm of rotors 3 and 4 is named, then 4, which is sound, then 3.
+    setup = Setup.load('y6', make=make)
+    flight = reallocation.flown(setup, FLOWN['turbulence'], 'detected', 56)
     assert flight.flies
     assert (flight.rotor, flight.without) == (2, (2,))
 

@@ -12,7 +12,7 @@ from ca_ros.detection.hypothesis_test import TELLING, Finding, HypothesisTest
 from ca_ros.detection.losses import LIMIT
 from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.detection.noise_estimator import LEARNING, UsualMotion
-from ca_ros.detection.rotor_beliefs import CERTAIN, IN_A_ROW, RotorBeliefs
+from ca_ros.detection.rotor_beliefs import CERTAIN, IN_A_ROW, TOLD, RotorBeliefs
 from ca_ros.detection.windows import Windows
 from ca_ros.vehicle.settings import triple
 from ca_ros.vehicle.state import cross, rotation_matrix
@@ -266,7 +266,7 @@ class MotionTest:
             self._give_back_between(found)
         arms = [rotor for arm in found.arms for rotor in arm]
         for rotor in set(found.named) - set(arms):
-            self._give_back_partner(rotor, found)
+            self._give_back_partner(time, rotor, found)
         for rotor, share in zip(found.named, found.lost.tolist(), strict=True):
             half = rotor in arms and rotor not in beliefs.held
             whole = beliefs.health[rotor] * (0.5 if half else 1.0)
@@ -290,15 +290,16 @@ class MotionTest:
             if beliefs.evidence[rotor] == 'motion':
                 self._give_back(rotor)
 
-    def _give_back_partner(self, rotor: int, found: Finding) -> None:
-        """Give back the partner of a coaxial rotor: it may have been named for this one before.
+    def _give_back_partner(self, time: int, rotor: int, found: Finding) -> None:
+        """Give back the partner of a coaxial rotor: it may just have been named for this one.
 
         If both have failed, the motion names it again, and the arm gives nothing meanwhile, too.
         """
         beliefs, partner = self.beliefs, self.hypotheses.partners[rotor]
         if partner is None or partner in {*found.named, *beliefs.held}:
             return
-        if beliefs.evidence[partner] == 'motion':
+        since = beliefs.since[partner]
+        if since is not None and time - since < TOLD and beliefs.evidence[partner] == 'motion':
             self._give_back(partner)
 
     def _give_back(self, rotor: int) -> None:

@@ -889,16 +889,17 @@ static void give_back_between(ca_detector *detector, const finding *found)
     }
 }
 
-/* Give back the partners of the rotors that are named: they may have been named for these before.
+/* Give back the partners of the rotors that are named: they may just have been named for these.
  * If both have failed, the motion names them again. */
-static void give_back_partners(ca_detector *detector, const finding *found)
+static void give_back_partners(ca_detector *detector, const finding *found, int64_t time)
 {
     for (int k = 0; k < found->names; k++) {
         const int partner = partner_of(detector->model, found->named[k]);
         int keep = found->open[k] || partner < 0 || detector->arm[partner < 0 ? 0 : partner];
         for (int i = 0; i < found->names; i++)
             keep |= found->named[i] == partner;
-        if (!keep && detector->evidence[partner] == CA_MOTION)
+        if (!keep && detector->evidence[partner] == CA_MOTION &&
+            time - detector->since[partner] < TOLD)
             give_back(detector, partner);
     }
 }
@@ -1176,7 +1177,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     forget(detector, detector->windows[found.window]);
     if (found.pair)
         give_back_between(detector, &found);
-    give_back_partners(detector, &found);
+    give_back_partners(detector, &found, time);
     /* The window may have begun a block before the failure. */
     const ca_real age = windows[found.window].length;
     const ca_real longer = age / ca_max(age - block, block);
