@@ -298,8 +298,8 @@ class MotionTest:
         beliefs, partner = self.beliefs, self.hypotheses.partners[rotor]
         if partner is None or partner in {*found.named, *beliefs.held}:
             return
-        since = beliefs.since[partner]
-        if since is not None and time - since < TOLD and beliefs.evidence[partner] == 'motion':
+        lately = time - (beliefs.since[partner] or 0) < TOLD
+        if lately and beliefs.evidence[partner] == 'motion':
             self._give_back(partner)
 
     def _give_back(self, rotor: int) -> None:

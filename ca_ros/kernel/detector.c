@@ -895,10 +895,12 @@ static void give_back_partners(ca_detector *detector, const finding *found, int6
 {
     for (int k = 0; k < found->names; k++) {
         const int partner = partner_of(detector->model, found->named[k]);
-        int keep = found->open[k] || partner < 0 || detector->arm[partner < 0 ? 0 : partner];
+        if (found->open[k] || partner < 0 || detector->arm[partner])
+            continue;
+        int named = 0;
         for (int i = 0; i < found->names; i++)
-            keep |= found->named[i] == partner;
-        if (!keep && detector->evidence[partner] == CA_MOTION &&
+            named |= found->named[i] == partner;
+        if (!named && detector->evidence[partner] == CA_MOTION &&
             time - detector->since[partner] < TOLD)
             give_back(detector, partner);
     }

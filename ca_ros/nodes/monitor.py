@@ -45,8 +45,9 @@ class MonitorNode(Node):
     """Detects rotor failures, and publishes the health of the rotors.
 
     Where the clock counts, `rotor_health` is published when it changes, otherwise for each state.
-    A failure holds until the service ``~/reset``, also if the monitor ends, or starts again: each
-    message says since when, and whether a reset began this, for those who know of more.
+    A failure holds until the service ``~/reset``, also if the monitor ends or starts again: each
+    message has the start or the reset since which this was found, so its readers keep what was
+    found before a start, and drop it after a reset.
 
     With `detector.imu_position` it also takes `imu`: between two states the mean of its specific
     force takes the place of the change of velocity.  In real time, angular velocity and specific
