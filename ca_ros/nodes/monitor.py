@@ -12,7 +12,6 @@ from std_srvs.srv import Trigger
 
 from ca_ros.arrays import Array
 from ca_ros.control.momentum_observer import RESTART
-from ca_ros.detection.inertial import SpecificForces, Standby
 from ca_ros.detection.kernel_detector import Detector, make_detector
 from ca_ros.detection.lag_check import LagCheck
 from ca_ros.detection.rotor_beliefs import words_of
@@ -21,6 +20,7 @@ from ca_ros.nodes import messages, topics
 from ca_ros.nodes.belief import Belief
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
+from ca_ros.nodes.imu import Imu
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import NO_EVENTS, Streams
 from ca_ros.nodes.topics import COMMAND, standing
@@ -28,7 +28,6 @@ from ca_ros.nodes.watchdog import CommandWatch
 from ca_ros.parameter_files import MonitorSettings
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.command_bounds import CommandBounds
-from ca_ros.vehicle.state import STATE_MAX
 
 FOUND = 'failure found of rotor '
 """Name of the values of the diagnostics that say when a failure was found."""
@@ -74,14 +73,15 @@ class MonitorNode(Node):
         self._settled = 0
         self._published: object = None
         self._begin(messages.START)
-        self._forces = SpecificForces() if settings.detector.has_imu else None
         self.diagnostics = Diagnostics(self, 'detection', str(settings.vehicle.name))
         self._counts = self.diagnostics.counts
         self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._use)
         self._use()
-        self._standby = Standby(self.belief.audit.vehicle.gravity)
-        self._bounds = CommandBounds(self.belief.audit.vehicle)
-        self._lag_check = LagCheck(self.belief.audit.vehicle, settings.detector)
+        vehicle = self.belief.audit.vehicle
+        self._imu = Imu(
+            settings.detector.has_imu, vehicle.gravity, self._mode, self.diagnostics)
+        self._bounds = CommandBounds(vehicle)
+        self._lag_check = LagCheck(vehicle, settings.detector)
         self.watchdog = CommandWatch(self, self.parameters, self.diagnostics, 'state')
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
         topic = topics.ROTOR_HEALTH
@@ -92,7 +92,7 @@ class MonitorNode(Node):
         self.belief.subscribe_announcements(self.streams)
         restart = topics.STATE_RESTART
         self.create_subscription(restart.kind, restart.name, self._receive_restart, COMMAND)
-        if self._forces is not None:
+        if self._imu.used:
             self.streams.subscribe(topics.imu(), self._receive_imu)
         self.streams.subscribe(topics.POSE, self._receive_pose)
         self.streams.subscribe(topics.VELOCITY, self._receive_velocity)
@@ -139,14 +139,11 @@ class MonitorNode(Node):
         if failed:
             return ERROR, ', '.join(failed)
         if not self.watchdog.awake:
-            missing = self._forces and self._forces.time is None and f', no {topics.IMU} either'
-            return STALE, f'no state yet{missing or ""}'
+            return STALE, f'no state yet{self._imu.missing()}'
         if detector.suspect is not None:
             return WARN, f'rotor {detector.suspect + 1} suspected'
-        if fault := self._unused():
-            return WARN, fault
-        if self._standby.alone and self._stated is not None:
-            return WARN, f'states have stopped: {topics.IMU} serves alone'
+        if level := self._imu.level(self._stated is not None):
+            return level
         if self._lag_check.fault:
             return WARN, self._lag_check.fault
         if detector.standing:
@@ -154,11 +151,6 @@ class MonitorNode(Node):
         if not detector.testing or (self._observed or 0) < self._settled:
             return WARN, UNTESTED
         return OK, 'all rotors deliver their thrust'
-
-    def _unused(self) -> str:
-        """Return why the specific force is not used; empty if it is, or there is to be none."""
-        fault = self._forces and self._forces.fault
-        return f'{topics.IMU} is not used: {fault}' if fault else ''
 
     def _values(self) -> dict[str, object]:
         health, (*failures, disturbance) = (
@@ -236,23 +228,14 @@ class MonitorNode(Node):
         return not fault
 
     def _receive_imu(self, message: Any) -> None:
-        time, forces = messages.nanoseconds(message.header.stamp), self._forces
-        assert forces is not None
-        angular_velocity, force = messages.imu_arrays(message)
-        if not (abs(np.concatenate([angular_velocity, force])) <= STATE_MAX).all():
-            self.diagnostics.drop('imu', f'{topics.IMU}: expected numbers up to {STATE_MAX:g}')
-            return
-        forces.add(time, force)
-        if not self._mode.clocked:
+        before, sample = self._imu.alone, self._imu.take(message)
+        if sample is not None and not self._mode.clocked:
             self._observe()
-            return
-        before = self._standby.alone
-        attitude, velocity = self._standby.sense(time, angular_velocity, force)
         # Commands have the clock of the states.
-        if self._standby.alone and not forces.fault:
+        elif sample is not None and self._imu.alone and not self._imu.fault:
             if not before:
                 self._interrupt()
-            self._take(time, attitude, (velocity, angular_velocity), force)
+            self._take(*sample)
 
     def _observe(self) -> None:
         pose, velocity = self._pose, self._velocity
@@ -260,7 +243,7 @@ class MonitorNode(Node):
             return
         time = messages.nanoseconds(pose.header.stamp)
         each = not self._mode.clocked
-        if each and self._forces is not None and self._forces.time != time:
+        if self._imu.lacks(time):
             return
         if time == self._stated:
             if each:
@@ -277,19 +260,14 @@ class MonitorNode(Node):
                     self._publish(self._observed)
                 self._ahead = time
                 return
-        force = None
-        if self._forces is not None and self._observed is not None:
-            force = self._forces.mean(self._observed, time)
-            self._counts['states without a specific force'] += force is None
-            if fault := self._unused():
-                self.diagnostics.warn('unused', fault)
+        force = self._imu.force(self._observed, time)
         _, attitude = messages.pose_arrays(pose)
-        if self._standby.alone:
+        if self._imu.alone:
             self._interrupt()
         motion = messages.twist_arrays(velocity)
         if self._take(time, attitude, motion, force):
             self._stated = time
-            self._standby.hear(attitude, motion[0])
+            self._imu.hear(attitude, motion[0])
 
     def _interrupt(self) -> None:
         """Take the next state as one that does not continue those before."""

@@ -1,0 +1,75 @@
+"""The monitor's Imu: the specific force for its states, and a motion where no state comes."""
+
+from typing import Any
+
+from ca_ros.arrays import Array
+from ca_ros.detection.inertial import SpecificForces, Standby
+from ca_ros.nodes import messages, topics
+from ca_ros.nodes.diagnostics import WARN, Diagnostics, Level
+from ca_ros.nodes.mode import RealTime
+from ca_ros.vehicle.state import STATE_MAX
+
+Sample = tuple[int, Array, tuple[Array, Array], Array]
+"""Stamp [ns], attitude (4,), velocity and angular velocity (3,), specific force (3,)."""
+
+
+class Imu:
+    """What `imu` says beside the states, and alone where the clock counts and no state comes.
+
+    `used`: whether there is one, by `detector.imu_position`.
+    """
+
+    def __init__(
+        self, used: bool, gravity: float, mode: RealTime, diagnostics: Diagnostics
+    ) -> None:
+        self.used, self._mode, self._diagnostics = used, mode, diagnostics
+        self._forces, self._standby = SpecificForces(), Standby(gravity)
+        self.hear = self._standby.hear
+
+    @property
+    def alone(self) -> bool:
+        """Whether it is to serve alone."""
+        return self._mode.clocked and self._standby.alone
+
+    @property
+    def fault(self) -> str:
+        """Why it is not used; empty if it is, or there is to be none."""
+        fault = self._forces.fault
+        return f'{topics.IMU} is not used: {fault}' if fault else ''
+
+    def lacks(self, time: int) -> bool:
+        """Return whether a state [ns] waits for the message of its stamp."""
+        return self.used and not self._mode.clocked and self._forces.time != time
+
+    def missing(self) -> str:
+        """Return what to say if there is to be one, and none has come."""
+        return f', no {topics.IMU} either' if self.used and self._forces.time is None else ''
+
+    def level(self, stated: bool) -> Level | None:
+        """Return what is wrong with it, or with the states; `stated`: whether one has come."""
+        if self.fault:
+            return WARN, self.fault
+        if self.alone and stated:
+            return WARN, f'states have stopped: {topics.IMU} serves alone'
+        return None
+
+    def force(self, start: int | None, end: int) -> Array | None:
+        """Return the mean specific force (3,) between two states [ns]; None if it is unknown."""
+        if not self.used or start is None:
+            return None
+        force = self._forces.mean(start, end)
+        self._diagnostics.counts['states without a specific force'] += force is None
+        if self.fault:
+            self._diagnostics.warn('unused', self.fault)
+        return force
+
+    def take(self, message: Any) -> Sample | None:
+        """Take a message; return it with the motion that it carries on, None if it is wrong."""
+        time = messages.nanoseconds(message.header.stamp)
+        angular_velocity, force = messages.imu_arrays(message)
+        if not all((abs(each) <= STATE_MAX).all() for each in (angular_velocity, force)):
+            self._diagnostics.drop('imu', f'{topics.IMU}: expected numbers up to {STATE_MAX:g}')
+            return None
+        self._forces.add(time, force)
+        attitude, velocity = self._standby.sense(time, angular_velocity, force)
+        return time, attitude, (velocity, angular_velocity), force
