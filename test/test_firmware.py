@@ -5,6 +5,7 @@ import shutil
 import subprocess
 from dataclasses import replace
 from functools import cache
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -322,6 +323,23 @@ def test_each_arm_is_a_fault_that_is_served_as_by_the_allocator(name):
                 thrusts = vehicle.thrusts(speeds)
                 thrusts[dead] = 0.0
                 np.testing.assert_allclose((sound.problem.gamma @ thrusts - u)[:3], 0.0, atol=1e-9)
+
+
+def test_what_is_no_exported_fault_is_said_and_taken_for_none():
+    """Two lost rotors are no loss of one, and what is not a number is not sound."""
+    single, sound = firmware_of('x8', 'single'), np.ones(8)
+    vehicle, parameters = Vehicle.load('x8'), checked(read('x8')).allocation
+    both = Firmware.make(faults_of(vehicle, ['single', 'pairs']), parameters, 'single')
+    names = [fault.constant for fault in both.faults]
+    for i, j in combinations(range(8), 2):
+        health = sound.copy()
+        health[[i, j]] = 0.0
+        assert single.fault_of(health) == -1
+        assert names[both.fault_of(health)] == f'ROTORS_{i + 1}_{j + 1}_LOST'
+    for weak, constant in (0.2, 'ROTOR_3_LOST'), (0.8, 'NO_FAULT'):
+        assert names[single.fault_of(np.r_[1.0, 1.0, weak, sound[3:]])] == constant
+    for number in np.nan, np.inf, -np.inf:
+        assert single.fault_of(np.r_[sound[1:], number]) == -1
 
 
 def test_rotors_side_by_side_are_no_arm():

@@ -70,8 +70,8 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     add('--precision', choices=kinds, default='single', help='default: single')
     add('--faults', nargs='+', default=['single'], metavar='FAULT',
         help='what can be announced in flight: none; single, the loss of each rotor and of '
-        'one of each coaxial pair (default); or, for each fault, the rotors that are lost or '
-        'weaker: 1,3=0.4')
+        'one of each coaxial pair (default); pairs, the loss of each two rotors; or, for each '
+        'fault, the rotors that are lost or weaker: 1,3=0.4')
     add('--detector', action='store_true', help='with the detector of rotor failures')
     add('--worst-case', action='store_true',
         help='search the wrenches that take longest, and count the instructions of their calls')

@@ -1,8 +1,10 @@
 """The faults that can be announced to the firmware: the health of the rotors."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -17,8 +19,9 @@ from ca_ros.vehicle.failure_words import in_words, read_failures, with_failures
 from ca_ros.vehicle.motors import HEALTH_MIN
 from ca_ros.vehicle.vehicle import Vehicle
 
-CHOICES = 'none', 'single'
-"""Names of sets of faults: no fault; the loss of each single rotor, and of one of each arm's."""
+CHOICES = 'none', 'single', 'pairs'
+"""Names of sets of faults: no fault; the loss of each single rotor, and of one of each arm's; the
+loss of each two rotors after which an axis is left."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +65,7 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
     unless its `lost_axes` is 'drop', and a fault is always accepted without the lost axes. Raises
     a ParameterError if the vehicle is refused, a word is wrong, or a fault leaves no axis.
 
-    `words`: 'none', 'single', or failures as in `read_failures`, such as ``1,3=0.4``.
+    `words`: 'none', 'single', 'pairs', or failures as in `read_failures`, such as ``1,3=0.4``.
     """
     report = accept(vehicle)
     found = [Fault('NO_FAULT', 'the rotors are as in the file', report)]
@@ -71,16 +74,24 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
         # Axes that are lost already stay so.
         return audit(with_failures(report.independent.vehicle, failures))
 
+    rotors = [i + 1 for i in np.flatnonzero(vehicle.health >= HEALTH_MIN).tolist()]
     for word in dict.fromkeys(words):
         if word == 'single':
-            for i in np.flatnonzero(vehicle.health >= HEALTH_MIN).tolist():
-                name = f'ROTOR_{i + 1}_LOST'
-                found.append(Fault(name, f'rotor {i + 1} is lost', after({str(i + 1): 0.0})))
+            for i in rotors:
+                name = f'ROTOR_{i}_LOST'
+                found.append(Fault(name, f'rotor {i} is lost', after({str(i): 0.0})))
             for i, j in arms_of(vehicle):
                 health = vehicle.health.copy()
                 health[[i - 1, j - 1]] /= 2.0
                 left = audit(report.independent.vehicle.with_health(health, [(i, j)]))
                 found.append(Fault(f'ARM_{i}_{j}', f'one of rotors {i} and {j} is lost', left))
+        elif word == 'pairs':
+            for i, j in combinations(rotors, 2):
+                with suppress(ParameterError):
+                    found.append(Fault(
+                        f'ROTORS_{i}_{j}_LOST', f'rotors {i} and {j} are lost',
+                        after({str(i): 0.0, str(j): 0.0}),
+                    ))
         elif word != 'none':
             try:
                 failures = read_failures(word)

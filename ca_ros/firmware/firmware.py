@@ -135,6 +135,12 @@ class Firmware:
         found = [fault.report.vehicle.health for fault in self.faults]
         return np.array(found).astype(self.dtype)
 
+    def fault_of(self, health: Array) -> int:
+        """Return the fault nearest to a health (n,); -1 if a rotor differs by 0.5 or more."""
+        away = np.abs(health - self.health)
+        nearest = int(np.argmin(np.sum(away * away, axis=1)))
+        return nearest if np.all(away[nearest] < 0.5) else -1
+
     @cached_property
     def rotors(self) -> list[tuple[Array, Array, Array, Array]]:
         """For each fault, k_f, k_f backwards, and the bounds of the speeds, (n,) each.

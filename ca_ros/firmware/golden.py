@@ -60,6 +60,17 @@ def vectors(firmware: Firmware) -> list[Entry]:
     ]
 
 
+def healths(firmware: Firmware) -> list[Entry]:
+    """Return healths of the rotors, each with its fault: those of all faults, and others."""
+    sound, n = firmware.health[0], firmware.problem.n
+    given = [*firmware.health]
+    for i in range(n):
+        for numbers in (0.0, 0.0), (0.4, 0.4), (0.7, 1.0), (np.nan, 1.0), (np.inf, 1.0):
+            given.append(sound.copy())
+            given[-1][[i, i - 1]] = numbers
+    return [(health, firmware.fault_of(health)) for health in given]
+
+
 def effort(firmware: Firmware, size: int, seed: int) -> tuple[int, int]:
     """Return the greatest numbers of steps and pivots over 3 size wrenches for each fault."""
     work = np.zeros((len(firmware.faults), 3 * size, 2), np.int32)

@@ -22,6 +22,15 @@ int main(void)
             printf("%s: the first difference is in golden vector %d, of fault %d\n", VEHICLE, i,
                    golden[i].fault);
     }
+#ifdef FAULT_OF
+    for (int i = 0; i < (int)(sizeof healths / sizeof *healths); i++) {
+        const int fault = FAULT_OF(healths[i].health);
+        if (fault == healths[i].fault)
+            continue;
+        printf("%s: the fault of health %d is %d, not %d\n", VEHICLE, i, fault, healths[i].fault);
+        return 1;
+    }
+#endif
 #ifdef ALLOCATE_WITHIN
     /* A sequence, each from the speeds of the one before. */
     ca_real last[CA_N] = {0};

@@ -2,6 +2,7 @@
  * health of the rotors out. Written by the command firmware of ca_ros.
  *
  *     static ca_detector detector; // all memory: sizeof(ca_detector)
+ *     static int fault = {{ NAME }}_NO_FAULT;
  *
  *     void start(void)
  *     {
@@ -14,7 +15,9 @@
  *     {
  *         ca_detector_observe(&detector, time, attitude, motion, specific_force);
  *         // A rotor or arm that was named stays so until ca_detector_reset.
- *         const int fault = {{ name }}_fault_of(detector.health);
+ *         const int found = {{ name }}_fault_of(detector.health);
+ *         if (found != {{ NAME }}_OTHER_FAULT) // else the last known: land
+ *             fault = found;
  *         {{ name }}_allocate(fault, wrench, speeds);
  *         ca_detector_command(&detector, time, speeds);
  *     }

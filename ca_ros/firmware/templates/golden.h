@@ -10,6 +10,14 @@
 #define COMMANDS {{ NAME ~ '_COMMANDS' if tilting else 'CA_N' }}
 {% if not tilting %}
 #define MARGIN {{ name }}_margin
+#define FAULT_OF {{ name }}_fault_of
+
+static const struct {
+    ca_real health[CA_N];
+    int fault;
+} healths[] = {
+{{ golden.healths(firmware) | rows }}
+};
 {% endif %}
 
 {% if firmware.rates %}

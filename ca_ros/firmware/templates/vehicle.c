@@ -84,15 +84,21 @@ static int command(int fault, const ca_real *wrench, ca_real *u)
 
 int {{ name }}_fault_of(const ca_real health[{{ NAME }}_ROTORS])
 {
-    int nearest = 0;
+    int nearest = {{ NAME }}_OTHER_FAULT;
     ca_real least = CA_UNBOUNDED;
+    for (int i = 0; i < CA_N; i++)
+        if (!ca_is_finite(&health[i]))
+            return {{ NAME }}_OTHER_FAULT;
     for (int fault = 0; fault < {{ NAME }}_FAULTS; fault++) {
-        ca_real away = 0;
-        for (int i = 0; i < CA_N; i++)
-            away += (health[i] - healths[fault][i]) * (health[i] - healths[fault][i]);
+        ca_real away = 0, most = 0;
+        for (int i = 0; i < CA_N; i++) {
+            const ca_real apart = ca_abs(health[i] - healths[fault][i]);
+            away += apart * apart;
+            most = ca_max(most, apart);
+        }
         if (away < least) {
             least = away;
-            nearest = fault;
+            nearest = 2 * most < 1 ? fault : {{ NAME }}_OTHER_FAULT;
         }
     }
     return nearest;
