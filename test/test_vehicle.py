@@ -1,6 +1,7 @@
 """The vehicle: from parameters to bounds and speeds."""
 
 from dataclasses import FrozenInstanceError
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ca_ros import ParameterError, Vehicle
+from ca_ros.detection.hypothesis_test import HypothesisTest
+from ca_ros.firmware.faults import arms_of
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from strategies import FLEET, HEXAROTOR, PARAMETERS, SOME, build, file_values, ring, vehicles
 
@@ -183,3 +186,39 @@ def test_speeds_of_many_thrusts_are_those_of_each(name):
         vehicle.thrust_min, vehicle.thrust_max, (5, vehicle.n))
     np.testing.assert_array_equal(
         vehicle.speeds(thrusts), [vehicle.speeds(row) for row in thrusts])
+
+
+def pair(apart, **others):
+    """Return a vehicle of 8 rotors of which two, 1 and 5, are above each other but for `apart`."""
+    positions = np.vstack([ring(4, 0.25), ring(4, 0.25) + np.r_[apart, 0.05]])
+    positions[5:] *= 1.5
+    return Vehicle(
+        mass=1.0, positions=positions, spins=('ccw',) * 4 + ('cw',) * 4, torque_coefficient=1e-7,
+        thrust_coefficient=1e-5, speed_min=0.0, speed_max=500.0, **others)
+
+
+@pytest.mark.parametrize(('vehicle', 'pairs'), [
+    (Vehicle.load('x8'), [(1, 2), (3, 4), (5, 6), (7, 8)]),
+    (Vehicle.load('y6'), [(1, 2), (3, 4), (5, 6)]),
+    (Vehicle.load('octorotor'), []), (Vehicle.load('rov'), []), (Vehicle.load('azimuth_boat'), []),
+    # Shares of the mean arm, 0.31 m.
+    (pair((0.08 * 0.31, 0.0)), [(1, 5)]), (pair((0.12 * 0.31, 0.0)), []),
+    # Rotors that tilt far push on other lines.
+    (pair((0.0, 0.0), tilt_axes=[1.0, 0.0, 0.0], tilt_min=-0.5, tilt_max=0.5), [(1, 5)]),
+    (pair((0.0, 0.0), tilt_axes=[1.0, 0.0, 0.0], tilt_min=-1.0, tilt_max=1.0), []),
+])
+def test_one_rule_says_which_rotors_are_coaxial(vehicle, pairs):
+    """The detector names their arms, and firmware and allocators serve them."""
+    partners = {i: j for pair in pairs for i, j in (pair, pair[::-1])}
+    expected = [partners.get(i + 1, 0) - 1 for i in range(vehicle.n)]
+    assert [-1 if each is None else each for each in vehicle.partners] == expected
+    assert HypothesisTest(vehicle, vehicle.wrenches).partners == vehicle.partners
+    assert arms_of(vehicle) == pairs
+    half = np.full(vehicle.n, 0.5)
+    assert vehicle.with_health(half, pairs).failed_arms == tuple(pairs)
+    # An arm that has failed stays one.
+    assert vehicle.with_health(half, pairs).partners == vehicle.partners
+    for i, j in combinations(range(1, vehicle.n + 1), 2):
+        if (i, j) not in pairs:
+            with pytest.raises(ParameterError, match='expected two rotors on the same axis'):
+                vehicle.with_health(half, [(i, j)])

@@ -6,26 +6,6 @@ import numpy as np
 
 from ca_ros.arrays import Array
 
-COAXIAL = 0.1
-"""Two rotors are a coaxial pair if their forces per thrust, and their roll and pitch over the mean
-arm, differ by less."""
-
-
-def partners(wrenches: Array, arm: float) -> list[int | None]:
-    """Return for each rotor the other one of its coaxial pair, if any.
-
-    - `wrenches` (6, n): force and torque per thrust of each rotor
-    - `arm`: mean distance of the rotors [m]
-    """
-    sizes = np.array([1.0, 1.0, 1.0, arm, arm])[:, None, None]
-    found: list[int | None] = []
-    away = np.linalg.norm((wrenches[:5, :, None] - wrenches[:5, None, :]) / sizes, axis=0)
-    np.fill_diagonal(away, np.inf)
-    for i, row in enumerate(away):
-        j = int(row.argmin())
-        found.append(j if row[j] < COAXIAL and away[j].argmin() == i else None)
-    return found
-
 
 def as_effectors(
     health: Array, given: Array, error: Array, arms: Sequence[tuple[int, int]]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.detection.arms import as_effectors, compared, partners, unknown
+from ca_ros.detection.arms import as_effectors, compared, unknown
 from ca_ros.detection.disturbances import Disturbances
 from ca_ros.detection.leads import LASTING, gathered, owed
 from ca_ros.detection.losses import LIMIT, Losses, least_shares, losses_of
@@ -171,7 +171,7 @@ class HypothesisTest:
         self._hover = vehicle.weight / vehicle.n
         self.disturbances = Disturbances(self._hover, arm)
         self.lever = LEVER * float(np.linalg.norm(wrenches[3:], axis=0).mean())
-        self.partners = partners(wrenches, arm)
+        self.partners = vehicle.partners
         self._arms = vehicle.arms.T
         self._servos = vehicle.servos
 

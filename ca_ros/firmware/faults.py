@@ -11,7 +11,6 @@ import numpy as np
 
 from ca_ros.allocation.exact import Exact
 from ca_ros.allocation.exact_settings import ExactSettings
-from ca_ros.detection.arms import COAXIAL, partners
 from ca_ros.problem.audit import VehicleAudit, accept, audit
 from ca_ros.problem.vehicle_problem import VehicleProblem
 from ca_ros.settings import ParameterError
@@ -105,12 +104,10 @@ def faults_of(vehicle: Vehicle, words: Sequence[str]) -> list[Fault]:
 def arms_of(vehicle: Vehicle) -> list[tuple[int, int]]:
     """Return the coaxial pairs of rotors, from 1, of which a detector may not tell who has failed.
 
-    Both must have thrust, and the same health.  Rotors side by side differ in their yaw.
+    Both must have thrust, and the same health.
     """
-    size = float(np.linalg.norm(vehicle.arms, axis=1).mean()) or 1.0
-    yaw, health = np.cross(vehicle.arms, vehicle.rotor_axes)[:, 2] / size, vehicle.health
+    health = vehicle.health
     return [
-        (i + 1, j + 1) for i, j in enumerate(partners(vehicle.wrenches, size))
-        if j is not None and i < j and abs(yaw[i] - yaw[j]) < COAXIAL
-        and health[i] == health[j] >= HEALTH_MIN
+        (i + 1, j + 1) for i, j in enumerate(vehicle.partners)
+        if j is not None and i < j and health[i] == health[j] >= HEALTH_MIN
     ]

@@ -16,6 +16,7 @@ from ca_ros.arrays import Array, constant, is_constant, same
 from ca_ros.setting_names import check_given
 from ca_ros.settings import MissingParameterError, ParameterError, read, table
 from ca_ros.vehicle import files
+from ca_ros.vehicle.coaxial import coaxial_partners
 from ca_ros.vehicle.fields import fields_of
 from ca_ros.vehicle.keywords import flat, parameters_of, ring_spins, with_rows
 from ca_ros.vehicle.motors import Motors
@@ -30,10 +31,6 @@ from ca_ros.vehicle.settings import (
     VehicleSettings,
 )
 from ca_ros.vehicle.validation import counts, health_of
-
-COAXIAL = 0.2
-"""Rotors whose forces per thrust, and roll and pitch over the mean arm, differ by more are no arm:
-twice what the detector takes for one."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False, kw_only=True)
@@ -275,18 +272,15 @@ class Vehicle(Motors):
                 raise ParameterError(f'{arm} different rotors of 1 to {self.n}')
             if shares[i - 1] != shares[j - 1]:
                 raise ParameterError(f'{arm} rotors with the same health')
-            if not self._coaxial(i - 1, j - 1):
+            if self.partners[i - 1] != j - 1:
                 raise ParameterError(f'{arm} rotors on the same axis')
         servos = self.servos if stuck is None else self.with_stuck_servos(stuck).servos
         return replace(self, health=shares, failed_arms=arms, servos=servos)
 
-    def _coaxial(self, i: int, j: int) -> bool:
-        """Return whether two rotors have nearly the same axis, servos at the angle zero."""
-        size = float(np.linalg.norm(self.arms, axis=1).mean())
-        force = self.rotor_axes[i] - self.rotor_axes[j]
-        moments = np.cross(self.arms[[i, j]], self.rotor_axes[[i, j]])[:, :2]
-        roll_pitch = (moments[0] - moments[1]) / (size or 1.0)
-        return float(np.hypot(np.linalg.norm(force), np.linalg.norm(roll_pitch))) < COAXIAL
+    @cached_property
+    def partners(self) -> list[int | None]:
+        """For each rotor the other one of its coaxial pair, from 0, or None."""
+        return coaxial_partners(self.arms, self.rotor_axes, self.servos.sound)
 
     def with_stuck_servo(self, rotor: int, angle: float) -> Vehicle:
         """Return the same vehicle with the servo of a rotor (from 1) stuck at an angle [rad]."""
