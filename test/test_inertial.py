@@ -4,9 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ca_ros.control.momentum_observer import GAP
 from ca_ros.detection.inertial import AHEAD, HELD, InertialMotion, SpecificForces, Standby
-from ca_ros.vehicle.state import rotation_matrix
+from ca_ros.vehicle.state import GAP, rotation_matrix
 
 MS = 1_000_000  # [ns]
 

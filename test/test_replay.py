@@ -22,7 +22,7 @@ from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.studies.cases import Case
 from ca_ros.vehicle.files import find
 from ca_ros.vehicle.formats.recording import Recording
-from ca_ros.vehicle.state import rotation_matrix
+from ca_ros.vehicle.state import GAP, rotation_matrix
 
 UP = Waypoint.of(0.0, 0.0, 1.0, 0.0)
 SETTINGS = DetectorSettings(motor_time_constant=0.05, delay=0.01)
@@ -191,6 +191,15 @@ def test_a_gap_is_said_and_not_flown():
     assert 4.8 < found.in_air < 5.0
     assert found.notes[0] == (
         'command, gyro, attitude, velocity: nothing from 1.99 s on, for 30.01 s')
+
+
+@pytest.mark.parametrize(('share', 'notes'), [(0.98, 0), (1.02, 1)])
+def test_a_gap_is_said_where_the_observer_does_not_continue(share, notes):
+    vehicle, recording, _ = recorded()
+    times = recording.times['gyro'].copy()
+    times[200:] += share * GAP / 1e9 - 0.01
+    apart = Recording(dict.fromkeys(recording.values, times), recording.values, 'flight')
+    assert len(motion_of(vehicle, apart).notes) == notes
 
 
 def degrees(values):

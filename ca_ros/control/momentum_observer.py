@@ -6,7 +6,7 @@ from operator import le
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.vehicle.state import cross
+from ca_ros.vehicle.state import GAP, cross
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 MOTION = 0.05
@@ -65,10 +65,6 @@ estimate uses: greater ones, as of a corrupted state, leave it as it is."""
 
 RESTART = 2_000_000_000
 """Step back of the stamps of two states that is not a matter of reordering [ns]."""
-
-GAP = 500_000_000
-"""Step forward after which the next state is to confirm it [ns]: one state with a wrong stamp
-must not make those that follow too old."""
 
 KEEP = 1.0
 """A vehicle that stands gets back its estimate of this time [s], or twice this, before it came to
@@ -147,6 +143,7 @@ class MomentumObserver:
         step = 0 if self.time is None else time - self.time
         continues = not (self._interrupted and step > 0)
         if continues and self.time is not None and not 0 < step < GAP:
+            # One state with a wrong stamp must not make those that follow too old.
             far = not -RESTART < step < GAP
             confirmed = self._doubtful is not None and abs(time - self._doubtful) < RESTART
             if not (far and confirmed):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ca_ros.arrays import Array
-from ca_ros.control.momentum_observer import GAP, RESTART
+from ca_ros.control.momentum_observer import RESTART
 from ca_ros.detection.detector_inputs import force_of, moment_of, numbers_of, state_of
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.motion_test import MotionTest
@@ -16,6 +16,7 @@ from ca_ros.detection.rotor_beliefs import RotorBeliefs
 from ca_ros.detection.speed_residual import SlowRotors
 from ca_ros.problem.vehicle_problem import problem_of, vehicle_of
 from ca_ros.settings import settings_of
+from ca_ros.vehicle.state import GAP
 from ca_ros.vehicle.validation import ABSURD
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 

@@ -3,8 +3,7 @@
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.control.momentum_observer import GAP
-from ca_ros.vehicle.state import cross, rotation_matrix
+from ca_ros.vehicle.state import GAP, cross, rotation_matrix
 
 LEVELLING = 0.1  # rate at which the specific force levels the attitude [1/s]
 LEAK = 0.5  # rate at which the velocity is forgotten [1/s]

@@ -6,7 +6,7 @@ from operator import gt
 import numpy as np
 
 from ca_ros.arrays import Array
-from ca_ros.control.momentum_observer import GAP, MomentumObserver
+from ca_ros.control.momentum_observer import MomentumObserver
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.hypothesis_test import TELLING, Finding, HypothesisTest
 from ca_ros.detection.losses import LIMIT
@@ -15,7 +15,7 @@ from ca_ros.detection.noise_estimator import LEARNING, UsualMotion
 from ca_ros.detection.rotor_beliefs import CERTAIN, IN_A_ROW, TOLD, RotorBeliefs
 from ca_ros.detection.windows import Windows
 from ca_ros.vehicle.settings import triple
-from ca_ros.vehicle.state import cross, rotation_matrix
+from ca_ros.vehicle.state import GAP, cross, rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
 CONFIRMATIONS = 3  # tests of a suspicion that name the same rotors, and no others

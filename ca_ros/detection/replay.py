@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ca_ros.arrays import Array
-from ca_ros.control.momentum_observer import GAP
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.inertial import InertialMotion, Standby
@@ -18,7 +17,7 @@ from ca_ros.settings import ParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.formats.recording import Recording
 from ca_ros.vehicle.plausibility import check, clipped, gaps, slow
-from ca_ros.vehicle.state import rotation_matrix
+from ca_ros.vehicle.state import GAP, rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 LAUNCH = 2.0  # after the ground [s]

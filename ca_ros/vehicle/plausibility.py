@@ -13,13 +13,13 @@ import numpy as np
 from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.formats.recording import Recording, other_frame
+from ca_ros.vehicle.state import GAP
 from ca_ros.vehicle.vehicle import Vehicle
 
 MOST = 0.8  # quantile of the differences that counts: most of a flight is hover
 CLEARLY = 2.0  # ratio of the differences of two readings
 IN_AIR = 0.5  # least thrust in the air, over the weight
 WINDOWS_MIN = 6  # in the air; of fewer nothing is said
-GAP = 0.5  # longest time for which a stream may have no value [s]
 RATE = 25.0  # values of a stream below which half of the losses are not named [1/s]
 MANY = 0.75  # share of the commands beyond the greatest speed that a controller hardly sends
 ROUNDING = 1e-6  # of a number in a file
@@ -179,7 +179,7 @@ def check(vehicle: Vehicle, recording: Recording, source: str = 'command') -> li
 
 
 def gaps(recording: Recording, names: Iterable[str]) -> list[tuple[str, float, float]]:
-    """Return streams that have no value for more than `GAP` s, and from when to when [s].
+    """Return streams that have no value for `GAP` or more, and from when to when [s].
 
     A recording lasts as long as its command or its gyro.
     """
@@ -189,7 +189,7 @@ def gaps(recording: Recording, names: Iterable[str]) -> list[tuple[str, float, f
     for name in names:
         times = recording.times[name]
         edges = np.array([start, *times[(times > start) & (times < end)], end])
-        for i in np.flatnonzero(np.diff(edges) > GAP):
+        for i in np.flatnonzero(np.diff(edges) >= GAP / 1e9):
             found.setdefault((float(edges[i]), float(edges[i + 1])), []).append(name)
     return [(', '.join(streams), *when) for when, streams in sorted(found.items())]
 
@@ -197,11 +197,11 @@ def gaps(recording: Recording, names: Iterable[str]) -> list[tuple[str, float, f
 def slow(recording: Recording, names: Iterable[str]) -> list[str]:
     """Return in words which of the streams that show a loss have few values a second.
 
-    Raises a ParameterError if a stream has none for `GAP` s in the median.
+    Raises a ParameterError if a stream has none for `GAP` or more in the median.
     """
     rates = {name: 1.0 / float(np.median(np.diff(recording.times[name]))) for name in names}
     for name, rate in rates.items():
-        if rate * GAP < 1.0:
+        if rate * GAP <= 1e9:
             raise ParameterError(
                 f'{recording.name}: {name}: {rate:.2g} values a second: expected {RATE:g}')
     shows = 'gyro', 'acc' if 'acc' in rates else 'velocity', 'command'

@@ -20,6 +20,9 @@ NULL_STATE: Array = np.concatenate([np.zeros(9), [1.0], np.zeros(3)])
 
 STATE_MAX = 1e9  # in each unit of the state; what exceeds it is no motion of a vehicle
 
+GAP = 500_000_000
+"""Step between two stamps from which on what comes does not continue what was [ns]."""
+
 
 def rotation_matrix(quaternion: Array) -> Array:
     """Return the matrix (3, 3) from body to world coordinates for a quaternion x, y, z, w.
