@@ -20,9 +20,11 @@ from ca_ros.detection.replay import Naming, motion_of, replay, without_rotor
 from ca_ros.settings import ParameterError
 from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.studies.cases import Case
+from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.files import find
 from ca_ros.vehicle.formats.recording import Recording
 from ca_ros.vehicle.state import GAP, rotation_matrix
+from ca_ros.vehicle.vehicle import inertia_of
 
 UP = Waypoint.of(0.0, 0.0, 1.0, 0.0)
 SETTINGS = DetectorSettings(motor_time_constant=0.05, delay=0.01)
@@ -122,6 +124,23 @@ def test_an_injected_loss_moves_the_vehicle_as_a_real_one():
     np.testing.assert_allclose(
         motion.gyro[after], lost.values['gyro'][after], rtol=0.3, atol=0.1)
     assert abs(lost.values['gyro'][after] - recording.values['gyro'][after]).max() > 1.5
+
+
+def test_an_injected_loss_takes_the_torque_of_the_rotor_alone_however_fast_the_vehicle_turns():
+    vehicle, recording, _ = recorded()
+    sound = motion_of(vehicle, recording)
+    lost = without_rotor(vehicle, recording, SETTINGS, sound, 2, 3.0)
+    inertia, own = inertia_of(vehicle), rotor_wrenches(vehicle)[3:, 2]
+    torques = []
+    for motion in sound, lost:
+        times, gyro = motion.times[310:400], motion.gyro[310:401]
+        mean = 0.5 * (gyro[1:] + gyro[:-1])
+        change = np.diff(gyro, axis=0) / np.median(np.diff(times))
+        torques.append(change @ inertia + np.cross(mean, mean @ inertia))
+    missing = torques[0] - torques[1]
+    across = missing - np.outer(missing @ own, own) / own.dot(own)
+    assert abs(lost.gyro[400]).max() > 8.0
+    assert abs(across).max() < 0.1 * abs(missing).max()
 
 
 def test_a_loss_is_injected_however_many_commands_are_recorded():

@@ -17,7 +17,7 @@ from ca_ros.settings import ParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.formats.recording import Recording
 from ca_ros.vehicle.plausibility import check, clipped, gaps, slow
-from ca_ros.vehicle.state import GAP, rotation_matrix
+from ca_ros.vehicle.state import GAP, cross, rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
 LAUNCH = 2.0  # after the ground [s]
@@ -280,7 +280,7 @@ def without_rotor(
     sent, commands = recording.times['command'], recording.values['command']
     next_command = 0
     column = rotor_wrenches(vehicle)[:, rotor]
-    turn_rate = np.linalg.solve(inertia_of(vehicle), column[3:])
+    inertia = inertia_of(vehicle)
     kept = motion.times <= begin + time + WAIT
     velocity, gyro = motion.velocity[kept].copy(), motion.gyro[kept].copy()
     force = None if motion.force is None else motion.force[kept].copy()
@@ -300,7 +300,10 @@ def without_rotor(
             continue
         turn = rotation_matrix(motion.attitude[i])
         moved = moved + (now - last) * thrust / vehicle.mass * (turn @ column[:3])
-        turned = turned + (now - last) * thrust * turn_rate
+        omega = motion.gyro[i] - turned
+        torque = thrust * column[3:] + cross(omega, inertia @ omega) - cross(
+            motion.gyro[i], inertia @ motion.gyro[i])
+        turned = turned + (now - last) * np.linalg.solve(inertia, torque)
         velocity[i] -= turn.T @ moved
         gyro[i] -= turned
         if force is not None:
