@@ -21,6 +21,7 @@ from ca_ros.allocation import (
 )
 from ca_ros.allocation.slew import SlewLimited
 from ca_ros.allocation.tilt_rates import TiltLimited
+from ca_ros.detection.acted_on import acted_on
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.errors import CaRosError
@@ -37,7 +38,7 @@ __all__ = [
     'FailureDetector', 'Interval', 'Osqp', 'ParameterError', 'PseudoInverse',
     'RedistributedPseudoInverse', 'Sector',
     'SequentialDesaturation', 'Settings', 'SlewLimited', 'Status', 'TiltLimited',
-    'Vehicle', 'WeightedLeastSquares', 'WeightedPseudoInverse', 'audit',
+    'Vehicle', 'WeightedLeastSquares', 'WeightedPseudoInverse', 'acted_on', 'audit',
     'control_allocation_matrix', 'make_allocator', 'make_detector',
     'setting',
 ]  # fmt: skip

@@ -225,8 +225,14 @@ class Fake:
 
     failed_arms = ()
 
-    def __init__(self, states, rotor):
-        self.states, self.rotor, self.count, self.health = states, rotor, -1, np.ones(N)
+    def __init__(self, states, rotor, vehicle=SETUP.vehicle):
+        self.states, self.rotor, self.count, self.vehicle = states, rotor, -1, vehicle
+        self.health = np.ones(vehicle.n)
+
+    @property
+    def since(self):
+        """The state in which the rotor was named."""
+        return [self.count if share < 1.0 else None for share in self.health]
 
     def observe(self, *_):
         """Name the rotor in its states."""
@@ -340,12 +346,14 @@ def test_gusts_do_not_take_the_sound_rotor_of_a_named_arm_away():
     assert found.flies
 
 
-def test_flights_that_act_on_names_count_names_and_seconds():
-    fake = Fake({100, 900}, 3)
-    found = acting(replace(SETUP, make=lambda *_: fake), 'usual', 0, 12.0)
+@pytest.mark.parametrize(('name', 'without'), [('hexarotor', 11.0), ('quadrotor', 0.0)])
+def test_flights_that_act_on_names_count_names_and_seconds(name, without):
+    setup = Setup.load(name)
+    fake = Fake({100, 900}, 3, setup.vehicle)
+    found = acting(replace(setup, make=lambda *_: fake), 'usual', 0, 12.0)
     assert (found.names, found.turned_over) == (1, 0)
     assert found.hours == pytest.approx(12.0 / 3600.0)
-    assert found.without == pytest.approx(12.0 - 1.0)
+    assert found.without == pytest.approx(without)
     assert (found + found).without == 2.0 * found.without
 
 

@@ -87,8 +87,8 @@ def test_an_arm_is_named_until_it_shows_which_rotor_has_failed(vehicle, rotor, a
     case = Case.load(vehicle, REALISTIC)
     lost = without(case.vehicle.n, **{f'rotor_{rotor}': 0.0})
     flight, detection = flown(case, {2.0: lost}, 5.0)
-    (first, both, arms), (_, one, none) = detection.found
-    assert (arms, none) == ((arm,), ())
+    (first, both, acted), (_, one, told) = detection.found
+    assert (acted.arms, told.arms) == ((arm,), ())
     assert first < 2.1e9
     np.testing.assert_array_equal(
         both, without(case.vehicle.n, **{f'rotor_{each}': 0.5 for each in arm}))
@@ -242,7 +242,7 @@ def test_two_arms_are_named_at_once(vehicle, lost):
     flight, detection = flown(
         case, {3.0: without(n, **{f'rotor_{rotor}': 0.0 for rotor in lost})}, 6.0)
     assert detection.found[0][0] < 3.15e9
-    assert detection.found[0][2] == tuple(arms)
+    assert detection.found[0][2].arms == tuple(arms)
     # What is left of both is right whichever has failed.
     health = detection.detector.health
     for (i, j), rotor in zip(arms, lost, strict=True):

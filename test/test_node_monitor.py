@@ -47,6 +47,8 @@ IMU = ['detector.imu_position:=[0.05, 0.0, 0.02]', 'simulator.state_delay:=0.01'
     pytest.param('hexarotor_realistic', [], '2@1.5', marks=pytest.mark.long),
     pytest.param('hexarotor_tilting', SERVOS, '2@1.5', marks=pytest.mark.long),
     ('hexarotor_tilting', SERVOS, '2@1.5=0.6rad'),
+    # Its loss is not acted on.
+    pytest.param('quadrotor', NOISE, '2@1.5', marks=pytest.mark.long),
     # At first its arm alone is named.
     ('x8', NOISE, '2@1.5'),
     ('hexarotor_realistic', IMU, '2@1.5'),
@@ -63,7 +65,7 @@ def test_a_flight_in_lockstep_is_the_one_offline_to_the_last_bit(
     flown = fly_over_ros(
         graph, tmp_path, case, 1.8, '--fail', failure, '--announce', 'never', '--detect')
     assert 1.5 < detection.found[0][0] / 1e9 < 1.6
-    assert detection.found[0][2] == (((1, 2),) if vehicle == 'x8' else ())
+    assert detection.found[0][2].arms == (((1, 2),) if vehicle == 'x8' else ())
     assert detection.detector.health.tolist()[:3] == [1.0, 0.0, 1.0]
     assert flown.read_bytes() == (tmp_path / 'offline.csv').read_bytes()
 
@@ -174,6 +176,46 @@ def test_a_monitor_that_starts_again_gives_no_lost_rotor_back(graph):
     lost('4')
 
 
+@pytest.mark.parametrize(('name', 'n', 'acted'), [
+    ('quadrotor', 4, False), ('hexarotor', 6, True)])
+def test_a_named_loss_is_acted_on_where_the_vehicle_still_hovers_level(graph, name, n, acted):
+    """Elsewhere the monitor says why not; a loss that is announced counts in any case."""
+    for node in ('monitor', 'allocator'):
+        graph.start(node, '--vehicle', name)
+    vehicle, diagnostics = Vehicle(graph), Diagnostics(graph)
+    for node in ('monitor', 'allocator'):
+        graph.connect(node)
+    turning, sent = [1.0, 0.0, *[1.0] * (n - 2)], []
+
+    def named():
+        vehicle.fly(turning, bool)
+        return any('rotor 2 lost' in message for _, message, _ in diagnostics.all('monitor'))
+
+    graph.spin_until(named, 'rotor 2 is named')
+    level, message, values = diagnostics.all('monitor')[-1]
+    assert level == b'\2'
+    assert ('not acted on: rotor 2' in message) != acted
+    assert values['named, not acted on'] == ('none' if acted else '2')
+    assert values['lost rotors'] == '2'
+    assert list(vehicle.reports[-1].data) == (turning if acted else [1.0] * n)
+
+    announced = graph.publisher(Float64MultiArray, 'rotor_health/announced', STANDING)
+    command = graph.publisher(WrenchStamped, 'command/wrench')
+    answers = graph.listen(Float64MultiArray, 'command/motor_speed')
+
+    def turns(expected):
+        def asked():
+            sent.append(wrench(HOVER, (vehicle.sent + len(sent)) * 10**7, 'base_link'))
+            command.publish(sent[-1])
+            return answers and (answers[-1].data[1] > 0.0) == expected
+
+        graph.spin_until(asked, f'rotor 2 turns: {expected}')
+
+    turns(not acted)
+    announced.publish(health_message(*turning))
+    turns(False)
+
+
 class Vehicle:
     """What a monitor hears of a vehicle in hover."""
 
@@ -203,7 +245,7 @@ class Vehicle:
         """Return whether a condition holds of the health, after a further step."""
         self.sent += 1
         self.state(w=1.0)
-        self.command.publish(speeds_message(np.full(6, 250.0), self.time))
+        self.command.publish(speeds_message(np.full(len(turning), 250.0), self.time))
         self.measured.publish(speeds_message(250.0 * np.array(turning), self.time))
         return bool(self.reports) and condition(list(self.reports[-1].data))
 

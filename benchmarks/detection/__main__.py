@@ -9,6 +9,7 @@ import csv
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
@@ -63,10 +64,11 @@ def _jobs(options: argparse.Namespace) -> list[tuple[Callable[[Any], Any], tuple
     if options.imu in ('alone', 'stopped') and reallocated + acting:
         raise CaRosError(f'--imu {options.imu}: without --flights and --acting')
     given = {'force': options.imu, 'settings': dict(options.settings)}
-    parts = [
+    parts: list[tuple[Callable[[Any], Any], Any, Any, int]] = [
         (fly, flown, [''], flights), (fly, CONTACTS, [''], contacts),
         (fly, POOLED, options.kinds, losses), (fly, TAKE_OFF, soon, losses),
-        (fly_on, POOLED, WAYS, reallocated), (act, options.conditions, [ACTING], acting),
+        (partial(fly_on, left=options.left), POOLED, WAYS, reallocated),
+        (act, options.conditions, [ACTING], acting),
     ]
     return [
         (function, (vehicle, name, kind, seeds, given))
@@ -126,6 +128,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--hours', type=float, default=0.2, help='of each vehicle in each condition [h]')
     add('--losses', type=int, default=30, help='of each vehicle and kind')
     add('--flights', type=int, default=0, help='of each vehicle in which the allocator is told')
+    add('--left', type=float, default=0.0,
+        help='share of its thrust that the rotor of --flights keeps')
     add('--mujoco', type=float, default=0.0, help='of each vehicle, landings in MuJoCo [h]')
     add('--acting', type=float, default=0.0,
         help='of each vehicle and condition, in which the allocator does what it is told [h]')

@@ -12,6 +12,7 @@ from benchmarks.detection.plant import GROUNDED, PERIOD, Plant
 from ca_ros import Exact
 from ca_ros.allocation.reconfiguration import Arms
 from ca_ros.arrays import Array
+from ca_ros.detection.acted_on import acted_on
 from ca_ros.problem.audit import accept
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -82,19 +83,21 @@ class Allocation:
         return lambda wrench: np.asarray(exact.allocate(wrench[rows]).speeds)
 
 
-def flown(setup: Setup, condition: Condition, way: str, seed: int) -> Flown:
-    """Fly one way of `WAYS`; the rotor is the remainder of the seed."""
+def flown(
+    setup: Setup, condition: Condition, way: str, seed: int, left: float = 0.0
+) -> Flown:
+    """Fly one way of `WAYS`; the rotor is the remainder of the seed, and keeps what is `left`."""
     rng, vehicle = rng_of(seed, setup.name, 'reallocation'), setup.vehicle
     rotor, duration = seed % vehicle.n, BEGIN + AFTER
     failure = {'low': 40.0, 'high': 50.0}
     if not way.startswith('false'):
-        failure |= {**LOSSES['total'], 'rotor': rotor, 'time': BEGIN}
+        failure |= {**LOSSES['total'], 'left': left, 'rotor': rotor, 'time': BEGIN}
     truth, mission = condition.draw(setup.model, rng, duration, failure)
     plant = Plant(setup.model, truth, mission, int(rng.integers(2**63)))
     allocation, lost = Allocation(vehicle), np.ones(vehicle.n)
     named: tuple[int, ...] = ()
     without: tuple[int, ...] = ()
-    lost[rotor] = 0.0
+    lost[rotor] = left
     detector: Any = setup.detector(truth) if way == 'detected' else None
     rows, failed = [], -1
     for i in range(round(duration / PERIOD)):
@@ -103,7 +106,8 @@ def flown(setup: Setup, condition: Condition, way: str, seed: int) -> Flown:
             failed = i
         if detector is not None:
             if observe(setup, detector, row):
-                allocation.tell(detector.health, detector.failed_arms)
+                acted = acted_on(detector)
+                allocation.tell(acted.health, acted.arms)
                 without = tuple(np.flatnonzero(detector.health < 1.0).tolist())
                 named = named or without
         elif failed >= 0:
@@ -153,19 +157,20 @@ def acting(setup: Setup, name: str, seed: int, duration: float = DURATION) -> Ac
     truth, mission = FLOWN[name].draw(setup.model, rng, duration)
     plant = Plant(setup.model, truth, mission, int(rng.integers(2**63)))
     allocation, detector, health = Allocation(vehicle), setup.detector(truth), np.ones(vehicle.n)
+    acted = acted_on(detector)
     idle = np.full(vehicle.n, setup.model.slowest)
     for _ in range(round(duration / PERIOD)):
         row, wrench = plant.sense()
         if observe(setup, detector, row):
             new = np.array(detector.health)
             found.names += int(((new < 1.0) & (health == 1.0)).sum())
-            health = new
-            allocation.tell(health, detector.failed_arms)
+            health, acted = new, acted_on(detector)
+            allocation.tell(acted.health, acted.arms)
         command = idle if row['mode'] == GROUNDED else allocation.speeds(wrench)
         detector.command(int(row['time']), command)
         plant.act(command)
         found.hours += PERIOD / 3600.0
-        found.without += PERIOD * bool((health < 1.0).any())
+        found.without += PERIOD * bool((acted.health < 1.0).any())
         x, y = plant.state[0][6:8]
         if 1.0 - 2.0 * (x * x + y * y) < -0.2:
             found.turned_over = 1
@@ -187,11 +192,14 @@ def act(job: Job) -> tuple[tuple[str, str, str], Acted]:
     return (vehicle, name, kind), sum((acting(setup, name, seed) for seed in seeds), Acted())
 
 
-def fly_on(job: Job) -> tuple[tuple[str, str, str], list[Flown]]:
-    """Fly for a vehicle, a condition, a way, and seeds; return key and what happened."""
+def fly_on(job: Job, left: float = 0.0) -> tuple[tuple[str, str, str], list[Flown]]:
+    """Fly for a vehicle, a condition, a way, and seeds; return key and what happened.
+
+    `left`: see `flown`.
+    """
     vehicle, name, way, seeds, options = job
     setup, condition = Setup.load(vehicle, **options), FLOWN[name]
-    return (vehicle, name, way), [flown(setup, condition, way, seed) for seed in seeds]
+    return (vehicle, name, way), [flown(setup, condition, way, seed, left) for seed in seeds]
 
 
 def call(function: Callable[[Any], Any], job: Any) -> Any:

@@ -4,7 +4,7 @@ import signal
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
@@ -50,9 +50,9 @@ class Flown:
     messages that the fault proxy received, and those with each fault.  `parameters` are those of
     the nodes by name, see `agreed`, and `vehicle` and `failures` are theirs.  `stops` tells
     whether the timeout action of a node is to stop the rotors.  `detected` are the times of flight
-    at which the monitor found failures [s], by rotor, from 1.  `wrenches` are those of
-    `ca_ros.bringup.recorder.DEMANDED`, by the time of flight [ns], and `limits` says for each axis
-    that was cut what limited it.
+    at which the monitor found failures [s], by rotor, from 1, and `withheld` those that it let
+    nobody act on.  `wrenches` are those of `ca_ros.bringup.recorder.DEMANDED`, by the time of
+    flight [ns], and `limits` says for each axis that was cut what limited it.
     """
 
     flight: Flight
@@ -67,6 +67,7 @@ class Flown:
     stops: bool = False
     detected: Mapping[int, float] = field(default_factory=dict)
     limits: Mapping[str, str] = field(default_factory=dict)
+    withheld: Collection[int] = ()
 
 
 class EndedEarlyError(CaRosError):
@@ -167,7 +168,7 @@ class Session:
         counts = self._processes.respawned, self._reports.timeouts(), faults
         return Flown(
             flight, wall, *counts, common, vehicle, recorder.demanded(duration),
-            scenario.failures, stops, detected, self._reports.limits())
+            scenario.failures, stops, detected, self._reports.limits(), self._reports.withheld())
 
     def _follow(self, duration: float, scenario: Scenario) -> None:
         """Fly until samples for the duration [s] have come; raise a CaRosError if they cease."""

@@ -143,7 +143,7 @@ def _believed(flown: Flown, time: int) -> Vehicle:
     actual = flown.failures.after(flown.vehicle, time).health
     health = known.health.copy()
     for rotor, found in flown.detected.items():
-        if round(found * 1e9) <= time:
+        if round(found * 1e9) <= time and rotor not in flown.withheld:
             health[rotor - 1] = actual[rotor - 1] if actual[rotor - 1] < 1.0 else 0.0
     return known.with_health(health)
 
@@ -151,6 +151,9 @@ def _believed(flown: Flown, time: int) -> Vehicle:
 def _failures(flown: Flown) -> list[str]:
     """Return lines on when rotors failed, and who said so."""
     lines, failures = [], flown.failures
+    named = {
+        rotor: f'{time:.2f} s{", not acted on" * (rotor in flown.withheld)}'
+        for rotor, time in flown.detected.items()}
     for each in failures.failures:
         if each.time > flown.flight.time[-1]:
             continue
@@ -158,16 +161,16 @@ def _failures(flown: Flown) -> list[str]:
         if each.angle is not None:
             what = f'stuck at {each.angle:g} rad'
         known = []
-        if each.rotor in flown.detected:
-            known.append(f'detected at {flown.detected[each.rotor]:.2f} s')
+        if each.rotor in named:
+            known.append(f'detected at {named[each.rotor]}')
         if failures.announce is not None:
             known.append(f'announced at {each.time + failures.announce:.2f} s')
         elif known:
             known.append('never announced')
         said = ', '.join(known) or 'never announced or detected'
         lines.append(f'  failure       rotor {each.rotor} {what} at {each.time:.2f} s, {said}')
-    for rotor in sorted(flown.detected.keys() - {each.rotor for each in failures.failures}):
-        lines.append(f'  FALSE ALARM   rotor {rotor} at {flown.detected[rotor]:.2f} s')
+    for rotor in sorted(named.keys() - {each.rotor for each in failures.failures}):
+        lines.append(f'  FALSE ALARM   rotor {rotor} at {named[rotor]}')
     return lines
 
 

@@ -135,11 +135,20 @@ class Firmware:
         found = [fault.report.vehicle.health for fault in self.faults]
         return np.array(found).astype(self.dtype)
 
+    @property
+    def level(self) -> list[bool]:
+        """For each fault, whether the vehicle still hovers level, if it does without one."""
+        found = [fault.report.keeps_level for fault in self.faults]
+        return found if found[0] else [True] * len(found)
+
     def fault_of(self, health: Array) -> int:
-        """Return the fault nearest to a health (n,); -1 if a rotor differs by 0.5 or more."""
+        """Return the fault nearest to a health (n,) if it is to be acted on (`acted_on`).
+
+        -1 if the vehicle does not hover level with it, or a rotor differs by 0.5 or more.
+        """
         away = np.abs(health - self.health)
         nearest = int(np.argmin(np.sum(away * away, axis=1)))
-        return nearest if np.all(away[nearest] < 0.5) else -1
+        return nearest if self.level[nearest] and np.all(away[nearest] < 0.5) else -1
 
     @cached_property
     def rotors(self) -> list[tuple[Array, Array, Array, Array]]:

@@ -12,6 +12,7 @@ from std_srvs.srv import Trigger
 
 from ca_ros.arrays import Array
 from ca_ros.control.momentum_observer import RESTART
+from ca_ros.detection.acted_on import acted_on
 from ca_ros.detection.kernel_detector import Detector, make_detector
 from ca_ros.detection.lag_check import LagCheck
 from ca_ros.detection.rotor_beliefs import words_of
@@ -32,6 +33,9 @@ from ca_ros.vehicle.command_bounds import CommandBounds
 FOUND = 'failure found of rotor '
 """Name of the values of the diagnostics that say when a failure was found."""
 
+WITHHELD = 'named, not acted on'
+"""Name of the value of the diagnostics with the rotors that `acted_on` withholds."""
+
 UNTESTED = (
     'no rotor is tested: commands are missing, or a flight has just begun, by a start in the air, '
     'a reset or a gap of the states')
@@ -41,7 +45,7 @@ SETTLING = 300_000_000
 
 
 class MonitorNode(Node):
-    """Detects rotor failures, and publishes the health of the rotors.
+    """Detects rotor failures, and publishes the health of the rotors to fly with (`acted_on`).
 
     Where the clock counts, `rotor_health` is published when it changes, otherwise for each state.
     A failure holds until the service ``~/reset``, also if the monitor ends or starts again: each
@@ -71,7 +75,7 @@ class MonitorNode(Node):
         self._commanded: int | None = None
         self._ahead: int | None = None
         self._settled = 0
-        self._published: object = None
+        self._found: object = None
         self._begin(messages.START)
         self.diagnostics = Diagnostics(self, 'detection', str(settings.vehicle.name))
         self._counts = self.diagnostics.counts
@@ -137,7 +141,7 @@ class MonitorNode(Node):
             seconds = (detector.since[i] or 0) / 1e9
             failed.append(f'rotor {words} {what} since {seconds:.2f} s ({detector.evidence[i]})')
         if failed:
-            return ERROR, ', '.join(failed)
+            return ERROR, '; '.join([', '.join(failed), *self._withheld()])
         if not self.watchdog.awake:
             return STALE, f'no state yet{self._imu.missing()}'
         if detector.suspect is not None:
@@ -151,6 +155,12 @@ class MonitorNode(Node):
         if not detector.testing or (self._observed or 0) < self._settled:
             return WARN, UNTESTED
         return OK, 'all rotors deliver their thrust'
+
+    def _withheld(self) -> list[str]:
+        """Return which names are not acted on, and why."""
+        rotors = ', '.join(map(str, self._acted.withheld))
+        why = 'no allocation would hold the vehicle level; if it is sure, announce it'
+        return [f'not acted on: rotor {rotors} ({why})'] if rotors else []
 
     def _values(self) -> dict[str, object]:
         health, (*failures, disturbance) = (
@@ -166,6 +176,7 @@ class MonitorNode(Node):
         return {
             **self.belief.values(), **self._counts, 'health': ', '.join(health),
             'lost rotors': ', '.join(f'{i + 1}' for i in np.flatnonzero(lost)) or 'none',
+            WITHHELD: ', '.join(map(str, self._acted.withheld)) or 'none',
             'probability of a failure': ', '.join(failures),
             'probability of a disturbance': disturbance,
             'lag and delay of motors [ms]': 'unknown' if total is None else f'{1e3 * total:.0f}',
@@ -296,15 +307,18 @@ class MonitorNode(Node):
         return True
 
     def _publish(self, time: int | None) -> None:
+        since, arms = self.detector.since, self.detector.failed_arms
         # What others announce is not found: it ends with their word.
-        unfound = [since is None for since in self.detector.since]
-        health, arms = np.where(unfound, 1.0, self.detector.health), self.detector.failed_arms
-        if (found := (health.tolist(), arms, self._origin)) != self._published:
-            if self._published:
-                self.get_logger().error(f'rotor health {np.round(health, 2)}: {self.state()[1]}')
-            self._message = messages.health_message(health, arms, self._origin)
-            self._published = found
-        self._health.publish(messages.fill_speeds(self._message, health, time))
+        found = np.where([each is None for each in since], 1.0, self.detector.health)
+        news = found.tolist(), arms, self._origin
+        if news != self._found or self._announced:
+            self._acted = acted_on(self.detector)
+            if self._found not in (None, news):
+                self.get_logger().error(f'rotor health {np.round(found, 2)}: {self.state()[1]}')
+            found[[i - 1 for i in self._acted.withheld]] = 1.0
+            self._message = messages.health_message(found, self._acted.arms, self._origin)
+            self._found, self._told = news, found
+        self._health.publish(messages.fill_speeds(self._message, self._told, time))
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Forget all failures, but not those that are announced."""

@@ -60,6 +60,11 @@ class Audit:
         return self.controllable.interior.has_reference
 
     @property
+    def keeps_level(self) -> bool:
+        """Whether hover is attainable without giving up roll or pitch."""
+        return self.keeps_hovering and not {'roll', 'pitch'} & set(self.lost)
+
+    @property
     def lost(self) -> tuple[str, ...]:
         """The axes that are not in `controllable`.
 

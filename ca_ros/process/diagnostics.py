@@ -12,7 +12,7 @@ from ca_ros.arguments import full_name
 from ca_ros.nodes.diagnostics import OK
 from ca_ros.nodes.link_faults import FAULT_KINDS
 from ca_ros.nodes.messages import nanoseconds
-from ca_ros.nodes.monitor import FOUND
+from ca_ros.nodes.monitor import FOUND, WITHHELD
 from ca_ros.nodes.topics import DIAGNOSTICS, deep
 from ca_ros_cli import NODES
 
@@ -65,6 +65,12 @@ class Reports:
             for status in self._of('monitor') for key, value in status.values.items()
             if key.startswith(FOUND)
         }
+
+    def withheld(self) -> list[int]:
+        """Return the rotors, from 1, whose failures the monitor has named, but not to act on."""
+        return [
+            int(rotor) for status in self._of('monitor')
+            for rotor in re.findall(r'\d+', status.values.get(WITHHELD, ''))]
 
     def limits(self) -> dict[str, str]:
         """Return what limited each axis of which less than all was served, when it was least.

@@ -12,6 +12,7 @@ from ca_ros.arrays import Array
 from ca_ros.control.controller import Controller
 from ca_ros.control.trajectory import Trajectory
 from ca_ros.control.waypoint import Waypoint
+from ca_ros.detection.acted_on import ActedOn, acted_on
 from ca_ros.detection.kernel_detector import Detector
 from ca_ros.settings import ParameterError
 from ca_ros.simulation.plant import Plant
@@ -21,9 +22,9 @@ from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
 from ca_ros.simulation.rotor_failures import RotorFailures
 from ca_ros.vehicle.state import ANGULAR_VELOCITY, ATTITUDE, POSITION
 
-Found = list[tuple[int, Array, tuple[tuple[int, int], ...]]]
-"""The times [ns] at which the health changed, each with the new health (n,) and the arms of which
-one rotor has failed."""
+Found = list[tuple[int, Array, ActedOn]]
+"""The times [ns] at which the health changed, each with the new health (n,), and what of it is
+acted on."""
 
 Believed = Reconfiguration[tuple[Controller, Allocator]]
 
@@ -39,8 +40,7 @@ class Change:
     - `body`, `waypoint`: the new ones; None for those that stay
     - `announced`: the health (n,) that is announced from then on, and the servos that stick: by
       rotor, from 1, the angle [rad]
-    - `detected`: the health (n,) that a detector reports from then on, and the arms of which one
-      rotor has failed
+    - `detected`: what of a detector's names is acted on from then on
     - `reconfigure`: what these two need
     """
 
@@ -48,7 +48,7 @@ class Change:
     body: RigidBody | None = None
     waypoint: Waypoint | None = None
     announced: tuple[Array, Mapping[int, float]] | None = None
-    detected: tuple[Array, tuple[tuple[int, int], ...]] | None = None
+    detected: ActedOn | None = None
     reconfigure: Reconfigure | None = None
 
 
@@ -83,8 +83,7 @@ class Pilot:
         if change.announced is not None:
             believed.report('announced', *change.announced)
         if change.detected is not None:
-            health, arms = change.detected
-            believed.report('detector', health, arms=arms)
+            believed.report('detector', change.detected.health, arms=change.detected.arms)
         if believed.fault:
             raise ParameterError(believed.fault)
         self.controller, self.allocator = believed.in_force.built
@@ -109,9 +108,9 @@ class Detection:
         motion = velocity_in_body(state), state[ANGULAR_VELOCITY]
         if not self.detector.observe(time, state[ATTITUDE], *motion, specific_force):
             return []
-        found = self.detector.health, self.detector.failed_arms
-        self.found.append((time, *found))
-        return [Change(time, detected=found, reconfigure=self._reconfigure)]
+        acted = acted_on(self.detector)
+        self.found.append((time, self.detector.health, acted))
+        return [Change(time, detected=acted, reconfigure=self._reconfigure)]
 
     def announce(self, health: Array, stuck: Mapping[int, float]) -> None:
         """Take what is announced: see `Change.announced`."""

@@ -160,8 +160,7 @@ class Case:
         """Return the changes of a method's closed loop that found failures cause."""
         reconfigure = partial(self.reconfiguration, method)
         return [
-            Change(time, detected=(health, arms), reconfigure=reconfigure)
-            for time, health, arms in found]
+            Change(time, detected=acted, reconfigure=reconfigure) for time, _, acted in found]
 
     def detection(self, method: str) -> Detection:
         """Return the detection of failures for a method's closed loop."""

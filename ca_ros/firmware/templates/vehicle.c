@@ -34,6 +34,9 @@ static const ca_real speed_max[{{ NAME }}_FAULTS][CA_N] = {
 {{ fastest | rows }}
 };
 
+/* Whether the vehicle still hovers level. */
+static const int level[{{ NAME }}_FAULTS] = { {{- firmware.level | map('int') | join(', ') -}} };
+
 /* What each rotor delivers of its thrust. */
 static const ca_real healths[{{ NAME }}_FAULTS][CA_N] = {
 {{ firmware.health | rows }}
@@ -98,7 +101,7 @@ int {{ name }}_fault_of(const ca_real health[{{ NAME }}_ROTORS])
         }
         if (away < least) {
             least = away;
-            nearest = 2 * most < 1 ? fault : {{ NAME }}_OTHER_FAULT;
+            nearest = level[fault] && 2 * most < 1 ? fault : {{ NAME }}_OTHER_FAULT;
         }
     }
     return nearest;

@@ -25,8 +25,9 @@ enum {{ name }}_fault {
 /* The fault for the health of each rotor, from 0 to 1: the one whose health is nearest. With one of two
  * coaxial rotors lost, and not known which, both have half of it. {{ NAME }}_OTHER_FAULT if a
  * rotor's health differs from that of each fault by 0.5 or more, as with two rotors lost where that is no
- * fault, or is not finite. Allocation refuses it as CA_INVALID, with all rotors at the speed nearest to
- * zero: to fly on, pass the last fault that was known. */
+ * fault, or is not finite, or if the vehicle cannot hover level with the fault: no allocation saves it
+ * then, and acting on a false alarm loses it. Allocation refuses it as CA_INVALID, with all rotors at the
+ * speed nearest to zero: to fly on, pass the last fault that was known. */
 int {{ name }}_fault_of(const ca_real health[{{ NAME }}_ROTORS]);
 
 /* Find the rotor speeds for a wrench.

@@ -201,9 +201,12 @@ def _write(
 
 
 def _named(case: Case, found: Found) -> str:
-    """Return which rotors a detector named, and when."""
+    """Return which rotors a detector named, when, and on which names nothing was done."""
     first: dict[int, float] = {}
     for time, health, _ in found:
         for rotor in (health < case.vehicle.health).nonzero()[0].tolist():
             first.setdefault(rotor + 1, time / 1e9)
-    return ', '.join(f'rotor {rotor} at {time:.2f} s' for rotor, time in first.items()) or 'none'
+    withheld = found[-1][2].withheld if found else ()
+    return ', '.join(
+        f'rotor {rotor} at {time:.2f} s{" (not acted on)" * (rotor in withheld)}'
+        for rotor, time in first.items()) or 'none'

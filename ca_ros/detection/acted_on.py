@@ -1,0 +1,47 @@
+"""Which of the named failures allocators are told to act on."""
+
+from typing import NamedTuple
+
+from ca_ros.allocation.reconfiguration import Arms
+from ca_ros.arrays import Array
+from ca_ros.detection.kernel_detector import Detector
+from ca_ros.problem.audit import audit
+
+
+class ActedOn(NamedTuple):
+    """What allocators are told of the failures that a detector has named.
+
+    - `health` (n,): the announced health, less the failures to act on
+    - `arms`: the failed arms among these
+    - `withheld`: the rotors, from 1, whose failures are named, but not to act on
+    """
+
+    health: Array
+    arms: Arms
+    withheld: tuple[int, ...]
+
+
+def acted_on(detector: Detector) -> ActedOn:
+    """Return which of the failures that a detector has named allocators are to act on.
+
+    All but those after which the vehicle could not hover level any more (`Audit.keeps_level`).
+    There no allocation saves the flight if the name is right, and the allocation loses it if the
+    name is wrong.  Each name counts with those before it that are acted on; rotors that were named
+    in the same test count together.
+    """
+    vehicle, found, since = detector.vehicle, detector.health, detector.since
+    health, withheld = vehicle.health.copy(), list[int]()
+    arms: Arms = ()
+    named = sorted({time for time in since if time is not None})
+    level = not named or audit(vehicle).keeps_level
+    for time in named:
+        rotors = [i for i, when in enumerate(since) if when == time]
+        less = health.copy()
+        less[rotors] = found[rotors]
+        pairs = (*arms, *(pair for pair in detector.failed_arms if pair[0] - 1 in rotors))
+        after = audit(vehicle.with_health(less, pairs)).keeps_level
+        if after or not level:
+            health, arms, level = less, pairs, after
+        else:
+            withheld += [i + 1 for i in rotors]
+    return ActedOn(health, arms, tuple(sorted(withheld)))
