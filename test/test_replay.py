@@ -20,6 +20,7 @@ from ca_ros.detection.replay import Naming, motion_of, replay, without_rotor
 from ca_ros.settings import ParameterError
 from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.studies.cases import Case
+from ca_ros.studies.replay import report
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.files import find
 from ca_ros.vehicle.formats.recording import Recording
@@ -31,12 +32,12 @@ SETTINGS = DetectorSettings(motor_time_constant=0.05, delay=0.01)
 
 
 @cache
-def recorded(lost=None):
+def recorded(lost=None, name='hexarotor_realistic'):
     """Return a flight of 5 s; a rotor may be lost at 4 s, which nobody is told."""
-    case = Case.load('hexarotor_realistic')
+    case = Case.load(name)
     changes = [Change(2_500_000_000, waypoint=Waypoint.of(2.0, 1.0, 2.0, 1.0))]
     if lost is not None:
-        health = np.where(np.arange(6) == lost, 0.0, 1.0)
+        health = np.where(np.arange(case.vehicle.n) == lost, 0.0, 1.0)
         changes.append(Change(4_000_000_000, body=case.body(health)))
     flight = fly(
         case.controller(), case.allocator('exact'), case.plant(), UP, 5.0, changes=changes)
@@ -65,6 +66,17 @@ def test_a_recorded_loss_is_named(missing):
     assert first.phase == 'flight'
     assert first.margin > 4.0
     assert len(found.notes) == len(missing)
+
+
+@pytest.mark.parametrize(('name', 'withheld'), [
+    ('quadrotor', True), ('hexarotor_realistic', False)])
+def test_a_name_that_is_not_acted_on_says_so(name, withheld):
+    vehicle, recording, _ = recorded(2, name)
+    lag = SETTINGS if name != 'quadrotor' else DetectorSettings(motor_time_constant=0.0)
+    found = replay(vehicle, recording, lag)
+    assert (found.named[0].rotors, found.named[0].withheld) == ((2,), withheld)
+    [row] = [line for line in report('it', found) if line.startswith('    4.')]
+    assert row.endswith('not acted on') == withheld
 
 
 def test_nothing_is_named_in_a_sound_flight_and_an_injected_loss_is():

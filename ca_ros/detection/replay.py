@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ca_ros.arrays import Array
+from ca_ros.detection.acted_on import acted_on
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.inertial import InertialMotion, Standby
@@ -36,6 +37,7 @@ class Naming:
     - `health`: what each is left
     - `margin`: lead of the evidence over that of a disturbance, a natural logarithm
     - `phase`: 'launch', within `LAUNCH` s after the ground, 'landing', see `landings`, or 'flight'
+    - `withheld`: whether a part of it is not to be acted on, see `acted_on`
     """
 
     time: float
@@ -44,6 +46,7 @@ class Naming:
     health: tuple[float, ...]
     margin: float
     phase: str
+    withheld: bool = False
 
     @property
     def words(self) -> str:
@@ -236,7 +239,8 @@ def replay(
             phase = 'launch' if off_ground < LAUNCH else 'flight'
             named.append(Naming(
                 float(now - begin), tuple(lost.tolist()), detector.failed_arms,
-                tuple(detector.health[lost].tolist()), getattr(detector, 'margin', np.nan), phase))
+                tuple(detector.health[lost].tolist()), getattr(detector, 'margin', np.nan), phase,
+                bool(acted_on(detector).withheld)))
             detector.reset()
     held = _held(recording, 'command', motion.times)
     assert held is not None

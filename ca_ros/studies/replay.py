@@ -103,7 +103,8 @@ def report(name: str, found: Replay) -> list[str]:
     for each in found.named:
         health = ', '.join(f'{share:.2f}' for share in each.health)
         lines.append(
-            f'{each.time:8.2f}  {each.phase:7s}  {each.words:8s}  {health:10s}  {each.margin:.1f}')
+            f'{each.time:8.2f}  {each.phase:7s}  {each.words:8s}  {health:10s}  {each.margin:.1f}'
+            + '  not acted on' * each.withheld)
     return [*lines, tested]
 
 
