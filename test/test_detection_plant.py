@@ -9,7 +9,15 @@ import pytest
 
 from benchmarks.detection import own_plant, reallocation, tables
 from benchmarks.detection.__main__ import main
-from benchmarks.detection.conditions import CALM, CONTACTS, FLOWN, LOSSES, NOTHING, Condition
+from benchmarks.detection.conditions import (
+    CALM,
+    CONTACTS,
+    FLOWN,
+    LOSSES,
+    NOTHING,
+    PUSHES,
+    Condition,
+)
 from benchmarks.detection.flights import (
     Count,
     Outcome,
@@ -18,6 +26,7 @@ from benchmarks.detection.flights import (
     healthy,
     landed,
     namings,
+    outcome_of,
     rng_of,
 )
 from benchmarks.detection.plant import (
@@ -246,6 +255,20 @@ class Fake:
     def reset(self):
         """Forget."""
         self.health[:] = 1.0
+
+
+@pytest.mark.parametrize('make', [FailureDetector, make_detector])
+def test_a_rotor_that_is_lost_within_a_push_is_named_soon_after_it(make):
+    # The push ends 0.26 s after the loss.
+    setup = Setup.load('hexarotor', make=make)
+    condition = Condition({**PUSHES, 'pushes': 10.0, 'low': 40.0, 'high': 50.0})
+    rng = rng_of(7, 'hexarotor', 'pushes', 'total')
+    loss = {**LOSSES['total'], 'rotor': 1, 'time': 9.61}
+    truth, mission = condition.draw(setup.model, rng, 17.0, loss)
+    rows = Plant(setup.model, truth, mission, int(rng.integers(2**63))).fly(11.7)
+    outcome = outcome_of(setup, rows, 1)
+    assert outcome.right
+    assert outcome.after < 1.0
 
 
 def test_alarms_are_counted_once_a_landing_and_once_a_push():

@@ -8,7 +8,8 @@ names a rotor.
 A push down on the end of an arm begins with more than a rotor can lack, and lets the rotor owe
 `DEBT`: later, when the controller has answered, or the vehicle has turned under the push, the
 same push may look like a loss.  So may one that looked like none before: where a disturbance leads
-a rotor by `LIMIT`, the rotor owes `LASTING`.
+a rotor by `LIMIT`, the rotor owes `LASTING`, and none owes more once a suspicion lasts for longer
+than a push.
 """
 
 from collections.abc import Sequence

@@ -9,6 +9,7 @@ from ca_ros.arrays import Array
 from ca_ros.control.momentum_observer import MomentumObserver
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.hypothesis_test import TELLING, Finding, HypothesisTest
+from ca_ros.detection.leads import LASTING
 from ca_ros.detection.losses import LIMIT
 from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.detection.noise_estimator import LEARNING, UsualMotion
@@ -221,6 +222,9 @@ class MotionTest:
         own = slice(self._n)
         variance = spread + usual.model_errors(
             windows.ages, impulses[..., own], changes[..., own])
+        if self._waited >= PATIENCE:
+            # A disturbance that lasts is no push.
+            self._leads = np.maximum(self._leads, -LASTING)
         found = self.hypotheses(
             windows.ages, windows.lacked, impulses, windows.lateral, variance, beliefs.health,
             self._peaks, usual.thrusts, self._leads, block, tuple(beliefs.arms),
