@@ -176,6 +176,10 @@ def test_an_axis_that_is_given_up_has_no_share():
         shares = shares_of(replace(flown, **changes)).values
         np.testing.assert_array_equal(shares[0], 1.0)
         np.testing.assert_array_equal(shares[1:], [[1.0, 1.0, 1.0, np.nan]] * 2)
+    withheld = replace(flown, **detected, withheld=(1, 3, 5))
+    np.testing.assert_array_equal(shares_of(withheld).values, 1.0)
+    assert [line.endswith(' 0.01 s, not acted on, never announced') for line in lines(withheld)
+            if line.startswith('  failure ')] == [True] * 3
 
 
 def test_timeouts_are_counted_and_hint_at_a_slow_machine():
