@@ -84,6 +84,8 @@ def test_an_arm_is_acted_on_as_one_effector_and_a_whole_arm_that_is_lost_is_not(
         assert (found, withheld) == ((pair,), ())
         np.testing.assert_array_equal(health, detector.health)
         one, other = pair
+        unlike = named(vehicle, {one: 0.5, other: 0.6}, arms=(pair,))
+        assert acted_on(unlike)[1:] == ((pair,), ())
         assert acted_on(named(vehicle, {one: 0.0}, {other: 0.0})).withheld == (other,)
     both = named(vehicle, dict.fromkeys((*arms[0], *arms[1]), 0.5), arms=tuple(arms[:2]))
     assert acted_on(both).arms == tuple(arms[:2])

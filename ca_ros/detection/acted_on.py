@@ -39,7 +39,9 @@ def acted_on(detector: Detector) -> ActedOn:
         less = health.copy()
         less[rotors] = found[rotors]
         pairs = (*arms, *(pair for pair in detector.failed_arms if pair[0] - 1 in rotors))
-        after = audit(vehicle.with_health(less, pairs)).keeps_level
+        # While their health is estimated, the rotors of an arm may differ.
+        alike = [(i, j) for i, j in pairs if less[i - 1] == less[j - 1]]
+        after = audit(vehicle.with_health(less, alike)).keeps_level
         if after or not level:
             health, arms, level = less, pairs, after
         else:
