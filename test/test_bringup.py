@@ -113,6 +113,21 @@ def flown_briefly(graph, *arguments):
     return err
 
 
+@pytest.mark.parametrize(('options', 'told'), [
+    (['--vehicle', 'x8'], True), (['--vehicle', 'x8', '--namespace', '/a'], True),
+    # There the monitor has a lag, or warns that it has none.
+    (['--vehicle', 'hexarotor_realistic'], False), (['--vehicle', 'x8', '--plant', 'true'], False),
+    (['--vehicle', 'x8', '--ros-args', '-p', 'simulator.motor_time_constant:=0.05'], False),
+    (['--vehicle', 'x8', '--ros-args', '--params-file', 'own.yaml'], False)])
+def test_the_monitor_is_told_that_simulated_motors_have_no_lag(
+        options, told, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'own.yaml').touch()
+    lines = parse([*options[:2], '--detect', *options[2:]]).commands()
+    without = [name for name in lines if 'detector.motor_time_constant:=0.0' in lines[name]]
+    assert without == ['monitor'] * told
+
+
 def test_only_parameters_that_both_nodes_declare_are_compared(capsys):
     vehicle = file_values('hexarotor')
     parameters = dict.fromkeys(NODES, vehicle) | {'simulator': {'vehicle.name': 'hexarotor'}}

@@ -672,6 +672,16 @@ def test_errors_name_the_fault_in_one_line(changes, arguments, message, variant,
     assert not out.exists()
 
 
+@pytest.mark.parametrize(('vehicle', 'options', 'times'), [
+    ('x8', ['--detector'], 1), ('x8', [], 0), ('hexarotor_realistic', ['--detector'], 0)])
+def test_a_detector_without_a_lag_is_warned_of(vehicle, options, times, tmp_path, capsys):
+    given = ['--vehicle', vehicle, '--faults', 'none', '--out', str(tmp_path / 'out')]
+    assert main([*given, *options]) == 0
+    error = capsys.readouterr().err
+    assert error.count('detector.motor_time_constant: taken as 0; motors') == times
+    assert len(error.splitlines()) == times
+
+
 def test_a_folder_that_is_not_empty_is_left_alone(tmp_path, capsys):
     (tmp_path / 'mine').touch()
     assert main(['--vehicle', 'hexarotor', '--out', str(tmp_path)]) == 1

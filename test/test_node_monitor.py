@@ -24,9 +24,10 @@ from ca_ros.simulation.rigid_body import RigidBody, velocity_in_body
 from ca_ros.simulation.rotor_failures import RotorFailure, RotorFailures
 from ca_ros.studies.cases import Case
 from ca_ros.testing import Diagnostics, wrench
-from nodes import fly_over_ros
+from nodes import fly_over_ros, host
 
 HOVER = (0.0, 0.0, 9.81, 0.0, 0.0, 0.0)
+INSTANT = 'detector.motor_time_constant:=0.0'
 
 
 SERVOS = [
@@ -434,7 +435,8 @@ def test_the_force_of_an_imu_with_another_clock_is_not_used_and_the_monitor_says
 def test_an_imu_serves_alone_after_states_have_stopped_until_they_return(graph):
     graph.start(
         'monitor', '--vehicle', 'hexarotor', '--ros-args',
-        '-p', 'detector.imu_position:=[0.05, 0.0, 0.02]', '-p', 'command_timeout:=5.0')
+        '-p', 'detector.imu_position:=[0.05, 0.0, 0.02]', '-p', 'command_timeout:=5.0',
+        '-p', INSTANT)
     graph.connect('monitor')
     vehicle, diagnostics = Imu(graph, '2@1000'), Diagnostics(graph)
 
@@ -464,9 +466,22 @@ def test_an_imu_serves_alone_after_states_have_stopped_until_they_return(graph):
     assert 0.1 < (vehicle.plant.elapsed - failed) / 1e9 < 0.6
 
 
+@pytest.mark.parametrize(('given', 'times'), [([], 1), (['-p', INSTANT], 0)])
+def test_a_monitor_without_a_lag_says_so_at_its_start_and_on_diagnostics(
+        graph, given, times, capfd):
+    diagnostics, words = Diagnostics(graph), 'detector.motor_time_constant: taken as 0; motors'
+    node = host(graph, 'monitor', *given)
+    level = b'\1' if times else b'\3'
+    diagnostics.wait('monitor', lambda *status: status[0] == level, 'what it says')
+    assert diagnostics.all('monitor')[-1].message.count(words) == times
+    assert capfd.readouterr().err.count(words) == times
+    node.destroy_node()
+
+
 def test_the_monitor_says_when_no_rotor_is_tested(graph):
     place = 'detector.imu_position:=[0.05, 0.0, 0.02]'
-    graph.start('monitor', '--vehicle', 'hexarotor', '--ros-args', '-p', place)
+    graph.start(
+        'monitor', '--vehicle', 'hexarotor', '--ros-args', '-p', place, '-p', INSTANT)
     vehicle, diagnostics = Imu(graph, '2@1000'), Diagnostics(graph)
     vehicle.speeds *= 1.01  # it climbs: what does not move might stand
     graph.connect('monitor')

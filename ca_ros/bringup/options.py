@@ -6,6 +6,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,12 +23,13 @@ from ca_ros.nodes.topics import MARKERS
 from ca_ros.parameter_files import DECLARED, MonitorSettings, NodeSettings, ViewerSettings
 from ca_ros.settings import ParameterError, table
 from ca_ros.simulation.rotor_failures import RotorFailures
-from ca_ros.vehicle.files import ParameterFile
+from ca_ros.vehicle.files import NoSectionError, ParameterFile, read
 from ca_ros_cli import HINTS, NODES
 
 POSITION_TOLERANCE = 0.02  # greatest distance from the waypoint at the end of a flight [m]
 
 FAILURES = 'simulator.failures'
+LAG = 'detector.motor_time_constant'
 
 RUN = sys.executable, '-m', 'ca_ros_cli'
 """Runs a command of the package, whose name and arguments follow."""
@@ -89,6 +91,8 @@ class Plan:
                 node = self.replacements[name]
                 own += ['-r', f'__node:={name}']
             kind = {'monitor': MonitorSettings, 'viewer': ViewerSettings, **DECLARED}[name]
+            if name == 'monitor' and file is not None and self._follows_at_once(file):
+                own += _parameters([f'{LAG}:=0.0'])
             vehicle = [] if file is None else vehicle_arguments(file, full, kind)
             lines[name] = [*node, *own, '--', *vehicle, *self.ros, '--ros-args', *chosen]
             if self.detect and 'await_health' in table(kind):
@@ -99,6 +103,17 @@ class Plan:
             own = ['--ros-args', *space, *_parameters(self.faults)]
             lines['fault_proxy'] = [*RUN, 'fault_proxy', *own]
         return lines
+
+    def _follows_at_once(self, file: str) -> bool:
+        """Return whether the simulated motors are known to have no lag, and no lag is given."""
+        if 'simulator' in self.replacements or any(
+                word == '--params-file' or 'motor_time_constant' in word for word in self.ros):
+            return False
+        with suppress(NoSectionError):
+            simulator, monitor = (
+                read(file, full_name(self.namespace, name)) for name in ('simulator', 'monitor'))
+            return not (simulator.get('simulator.motor_time_constant') or LAG in monitor)
+        return False
 
 
 def _parameters(rules: Iterable[str]) -> list[str]:

@@ -1,5 +1,6 @@
 """The settings of the detector of rotor failures."""
 
+from collections.abc import Container
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,14 @@ from ca_ros.vehicle.settings import XYZ
 
 FARTHEST = 10.0
 """The farthest that an accelerometer is from the centre of mass [m]; more is millimetres."""
+
+
+def no_lag(given: Container[str], prefix: str = 'detector.') -> str:
+    """Return a warning if the lag is not among the names of given settings; empty if it is."""
+    name = f'{prefix}motor_time_constant'
+    return '' if name in given else (
+        f'{name}: taken as 0; motors with a lag make false alarms. Give the lag [s], or 0 if '
+        'there is none')
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ca_ros.arrays import Array
 from ca_ros.control.momentum_observer import RESTART
 from ca_ros.detection.detector_inputs import force_of, moment_of, numbers_of, state_of
-from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.detector_settings import DetectorSettings, no_lag
 from ca_ros.detection.motion_test import MotionTest
 from ca_ros.detection.rotor_beliefs import RotorBeliefs
 from ca_ros.detection.speed_residual import SlowRotors
@@ -20,18 +20,14 @@ from ca_ros.vehicle.state import GAP
 from ca_ros.vehicle.validation import ABSURD
 from ca_ros.vehicle.vehicle import Vehicle, inertia_of
 
-NO_LAG = (
-    'motor_time_constant: taken as 0; motors with a lag make false alarms. Give the lag [s], or 0 '
-    'if there is none')
-
 
 def settings_with_lag(
     settings: DetectorSettings | None, given: Mapping[str, Any]
 ) -> DetectorSettings:
     """Return the settings of a detector; warn the caller of the caller if they have no lag."""
     found = settings_of(FailureDetector, DetectorSettings, settings, given)
-    if not (settings or 'motor_time_constant' in given):
-        warn(NO_LAG, RuntimeWarning, stacklevel=3)
+    if not settings and (text := no_lag(given, '')):
+        warn(text, RuntimeWarning, stacklevel=3)
     return found
 
 

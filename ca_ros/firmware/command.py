@@ -8,6 +8,7 @@ from typing import Any
 
 from ca_ros.allocation.settings import AllocatedVehicleSettings
 from ca_ros.arguments import split
+from ca_ros.detection.detector_settings import no_lag
 from ca_ros.errors import message
 from ca_ros.firmware import worst_case
 from ca_ros.firmware.detector import detector_of
@@ -32,6 +33,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         faults = faults_of(vehicle, options.faults)
         firmware = firmware_of(faults, settings.allocation, options.precision)
         detector = detector_of(vehicle, given) if options.detector else None
+        if detector and (text := no_lag(given)):
+            print(f'firmware: warning: {text}', file=sys.stderr)
         if options.worst_case and not firmware.has_margin:
             raise ParameterError('--worst-case: rotors that tilt have another kernel')
         worst = worst_case.found(firmware) if options.worst_case else None

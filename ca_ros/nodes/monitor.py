@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 from ca_ros.arrays import Array
 from ca_ros.control.momentum_observer import RESTART
 from ca_ros.detection.acted_on import acted_on
+from ca_ros.detection.detector_settings import no_lag
 from ca_ros.detection.kernel_detector import Detector, make_detector
 from ca_ros.detection.lag_check import LagCheck
 from ca_ros.detection.rotor_beliefs import words_of
@@ -23,6 +24,7 @@ from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.imu import Imu
 from ca_ros.nodes.parameters import Parameters
+from ca_ros.nodes.rclpy_internals import given_parameters
 from ca_ros.nodes.stream import NO_EVENTS, Streams
 from ca_ros.nodes.topics import COMMAND, standing
 from ca_ros.nodes.watchdog import CommandWatch
@@ -86,6 +88,9 @@ class MonitorNode(Node):
             settings.detector.has_imu, vehicle.gravity, self._mode, self.diagnostics)
         self._bounds = CommandBounds(vehicle)
         self._lag_check = LagCheck(vehicle, settings.detector)
+        self._no_lag = no_lag(given_parameters(self))
+        if self._no_lag:
+            self.get_logger().warning(self._no_lag)
         self.watchdog = CommandWatch(self, self.parameters, self.diagnostics, 'state')
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
         topic = topics.ROTOR_HEALTH
@@ -126,7 +131,8 @@ class MonitorNode(Node):
             self._publish(self._observed)
 
     def _levels(self) -> list[Level]:
-        return [*self.belief.levels(), *self.watchdog.levels(self.state)]
+        unset = [(WARN, self._no_lag)] * bool(self._no_lag)
+        return [*self.belief.levels(), *self.watchdog.levels(self.state), *unset]
 
     def state(self) -> Level:
         """Return which rotors have failed, or may be failing."""

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ca_ros.arguments import add_recording, command
-from ca_ros.detection.detector_settings import DetectorSettings
-from ca_ros.detection.failure_detector import NO_LAG
+from ca_ros.detection.detector_settings import DetectorSettings, no_lag
 from ca_ros.detection.replay import WAIT, Replay, motion_of, replay, without_rotor
 from ca_ros.parameter_files import MonitorSettings, load_for
 from ca_ros.settings import ParameterError
@@ -72,8 +71,8 @@ def settings_of(vehicle: str | Path) -> DetectorSettings:
     Warns if there is no lag of the motors.
     """
     settings = load_for(MonitorSettings, vehicle).detector
-    if 'detector.motor_time_constant' not in read_file(vehicle):
-        print(f'ca_ros replay: warning: detector.{NO_LAG}', file=sys.stderr)
+    if text := no_lag(read_file(vehicle)):
+        print(f'ca_ros replay: warning: {text}', file=sys.stderr)
     return settings
 
 
