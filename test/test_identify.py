@@ -328,10 +328,15 @@ def test_the_command_writes_a_copy_with_what_is_sure(tmp_path, capsys):
     assert '# [kg], paper' in out.read_text(encoding='utf-8')
     assert main(['identify', str(tmp_path / 'flight.csv'), 'quadrotor']) == 1
     assert 'expected command_1, command_2, command_3, command_4' in capsys.readouterr().err
-    # A gyro in degrees per second is 57 times what the file tells.
     degrees = recording.with_stream('gyro', np.degrees(recording.values['gyro']))
     write(tmp_path / 'degrees.csv', degrees)
-    assert main(['identify', str(tmp_path / 'degrees.csv'), 'hexarotor']) == 0
+    assert main(['identify', str(tmp_path / 'degrees.csv'), 'hexarotor']) == 1
+    assert 'gyro: ' in (err := capsys.readouterr().err)
+    assert 'read as deg/s' in err
+    # Yaw alone hardly turns the thrust.
+    yaw = recording.with_stream('gyro', recording.values['gyro'] * [1.0, 1.0, 180.0 / np.pi])
+    write(tmp_path / 'yaw.csv', yaw)
+    assert main(['identify', str(tmp_path / 'yaw.csv'), 'hexarotor']) == 0
     assert 'warning: yaw: 6' in capsys.readouterr().err
 
 

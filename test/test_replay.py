@@ -24,6 +24,7 @@ from ca_ros.studies.replay import report
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.files import find
 from ca_ros.vehicle.formats.recording import Recording
+from ca_ros.vehicle.plausibility import check
 from ca_ros.vehicle.state import GAP, rotation_matrix
 from ca_ros.vehicle.vehicle import inertia_of
 
@@ -302,6 +303,19 @@ def test_a_velocity_of_the_world_frame_is_told_without_an_accelerometer():
     world(values)
     with pytest.raises(ParameterError, match=r'velocity: .* read as of the world frame'):
         motion_of(setup.vehicle, Recording(times, values, 'flight'))
+
+
+@pytest.mark.parametrize('condition', ['usual', 'aggressive'])
+def test_a_gyro_in_degrees_is_told_without_an_attitude(condition):
+    setup = Setup.load('hexarotor')
+    truth, mission = FLOWN[condition].draw(setup.model, np.random.default_rng(4001), 16.0)
+    rows = Plant(setup.model, truth, mission, 4001).fly(16.0)
+    values = {'command': rows['command'][:, :6], 'gyro': rows['rates']}
+    times = dict.fromkeys(values, rows['time'] / 1e9)
+    assert not check(setup.vehicle, Recording(times, values, 'flight'))
+    degrees(values)
+    with pytest.raises(ParameterError, match=r'gyro: .* read as deg/s .*: expected rad/s'):
+        check(setup.vehicle, Recording(times, values, 'flight'))
 
 
 def test_what_no_other_reading_explains_is_said():

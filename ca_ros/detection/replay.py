@@ -133,7 +133,7 @@ def motion_of(vehicle: Vehicle, recording: Recording) -> Motion:
         if force is None:
             raise ParameterError(f'{recording.name}: expected an attitude, or a specific force')
         notes.append(
-            'no attitude: gyro and accelerometer give it; the unit of the gyro is not checked')
+            'no attitude: gyro and accelerometer give it')
         attitude = _levelled(times, gyro, force, vehicle.gravity)
     if velocity is None:
         assert force is not None

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError
@@ -23,6 +24,7 @@ WINDOWS_MIN = 6  # in the air; of fewer nothing is said
 RATE = 25.0  # values of a stream below which half of the losses are not named [1/s]
 MANY = 0.75  # share of the commands beyond the greatest speed that a controller hardly sends
 ROUNDING = 1e-6  # of a number in a file
+STEPS = 100  # in which the gyro is integrated over a window
 
 Readings = Mapping[str, Callable[[Recording], Recording]]
 
@@ -84,6 +86,24 @@ def _less_weight(recording: Recording, edges: Array, flies: Array, gravity: floa
     return np.asarray(_force(recording, edges)[flies] - [0.0, 0.0, gravity])
 
 
+def _carried(recording: Recording, edges: Array, flies: Array, gravity: float) -> Array:
+    """Return how far the mean specific force is from gravity, in a frame that the gyro keeps.
+
+    No velocity grows for long, so that they are nearly equal; a gyro that turns too far averages
+    the force out.
+    """
+    fine = np.linspace(edges[0], edges[-1], STEPS * (len(edges) - 1) + 1)
+    parts = len(edges) - 1, STEPS, 3
+    rates, forces = (
+        _mean(fine, recording.times[name], recording.values[name]).reshape(parts)[flies]
+        for name in ('gyro', 'acc'))
+    turn, sums = Rotation.identity(len(rates)), np.zeros((len(rates), 3))
+    for k in range(STEPS):
+        turn = turn * Rotation.from_rotvec(rates[:, k] * (fine[1] - fine[0]))
+        sums += turn.apply(forces[:, k])
+    return np.asarray(np.linalg.norm(sums / STEPS, axis=1, keepdims=True) - gravity)
+
+
 def _acceleration(recording: Recording, edges: Array, flies: Array, gravity: float) -> Array:
     """Return the acceleration that the velocity has, less the force's, a drag and a constant.
 
@@ -127,6 +147,8 @@ READINGS: Mapping[str, tuple[str, Readings, Readings]] = {
 CHECKS = (
     (('gyro', 'attitude'), _turn_rate, 0.25, 'rad/s', (1.0, 0.15)),
     (('acc',), _less_weight, 0.5, 'm/s^2', (5.0, 5.0)),
+    (('gyro',), _carried, 2.0, 'm/s^2', (3.0, 3.0)),
+    (('gyro',), _carried, 1.0, 'm/s^2', (3.0, 3.0)),
     (('velocity', 'attitude'), _acceleration, 0.5, 'm/s^2', (3.0, 0.15)),
 )
 """Streams of which one may be wrong, a difference that is zero if they are right, the length of
@@ -142,7 +164,7 @@ def check(vehicle: Vehicle, recording: Recording, source: str = 'command') -> li
     """
     times, speeds = recording.times[source], recording.values[source]
     thrusts = vehicle.thrusts(speeds)
-    lift, notes = thrusts.sum(axis=1), list[str]()
+    lift, notes = thrusts.sum(axis=1), dict[str, str]()
 
     def difference(read: Recording, found: Callable[..., Array], edges: Array) -> float:
         if 'acc' not in read.values:
@@ -174,8 +196,9 @@ def check(vehicle: Vehicle, recording: Recording, source: str = 'command') -> li
                             f'{recording.name}: {name}: {given:.3g} {unit} away from what the '
                             f'other streams say; read as {words} {least:.3g}: expected {expected}')
         if given > CLEARLY * tolerances[0]:
-            notes.append(f'{names[0]}: {given:.3g} {unit} away from what the other streams say')
-    return notes
+            notes.setdefault(
+                names[0], f'{names[0]}: {given:.3g} {unit} away from what the other streams say')
+    return list(notes.values())
 
 
 def gaps(recording: Recording, names: Iterable[str]) -> list[tuple[str, float, float]]:
