@@ -19,7 +19,14 @@ from sensor_msgs.msg import Imu
 
 from ca_ros.__main__ import main
 from ca_ros.bringup.bag import LOOP, RECORDED, Bag
-from ca_ros.nodes.topics import ANNOUNCED_HEALTH, EFFECTORS, STATE_RESTART, TILT_COMMAND, TILTS
+from ca_ros.nodes.topics import (
+    ANNOUNCED_HEALTH,
+    EFFECTORS,
+    HELD_HEALTH,
+    STATE_RESTART,
+    TILT_COMMAND,
+    TILTS,
+)
 from ca_ros.testing import Graph
 from ca_ros.vehicle.formats.recording import read_recording
 
@@ -36,7 +43,8 @@ SWITCHES = (
 """Parameters that switch optional topics on."""
 
 ELSEWHERE = tuple(
-    topic.name for topic in (EFFECTORS, TILT_COMMAND, TILTS, STATE_RESTART, ANNOUNCED_HEALTH))
+    topic.name for topic in (
+        EFFECTORS, TILT_COMMAND, TILTS, STATE_RESTART, ANNOUNCED_HEALTH, HELD_HEALTH))
 """Topics of problems without a vehicle, of rotors that tilt or fail, and of px4_bridge."""
 
 LAYOUTS = Path(__file__).resolve().parent.parent / 'layouts'

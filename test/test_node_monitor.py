@@ -129,9 +129,9 @@ def test_a_reset_gives_back_what_was_found_but_not_what_is_announced(graph):
     assert monitor.poll() is None
 
 
-def reset(graph):
-    """Reset the monitor."""
-    client = graph.node.create_client(Trigger, 'monitor/reset')
+def reset(graph, name='monitor'):
+    """Reset a monitor."""
+    client = graph.node.create_client(Trigger, f'{name}/reset')
     assert client.wait_for_service(10.0)
     answer = client.call_async(Trigger.Request())
     graph.spin_until(answer.done, 'reset')
@@ -140,11 +140,10 @@ def reset(graph):
 
 
 def test_a_monitor_that_starts_again_gives_no_lost_rotor_back(graph):
-    """In allocator and controller; a loss that it finds itself counts beside the others."""
-    start = 'monitor', '--vehicle', 'hexarotor'
-    monitor = graph.start(*start)
-    for name in ('allocator', 'controller'):
+    """It is told what was found, and tells an allocator that starts later."""
+    monitor, *others = (
         graph.start(name, '--vehicle', 'hexarotor')
+        for name in ('monitor', 'allocator', 'controller'))
     vehicle, diagnostics = Vehicle(graph), Diagnostics(graph)
     for name in ('monitor', 'allocator', 'controller'):
         graph.connect(name)
@@ -165,11 +164,22 @@ def test_a_monitor_that_starts_again_gives_no_lost_rotor_back(graph):
     lost('2')
     graph.end(monitor, signal.SIGKILL)
     reports.clear()
-    graph.start(*start)
+    graph.start('monitor', '--vehicle', 'hexarotor')
     graph.spin_until(lambda: reports, 'the new monitor')
-    assert list(reports[-1].data) == [1.0] * 6
+    assert list(reports[0].data) == [1.0] * 6
     lost('2', 'another monitor found, until monitor/reset: rotor 2 at 0')
-    found(4)
+    diagnostics.arrays.clear()
+    diagnostics.wait(
+        'monitor', lambda level, message, values: (
+            level == b'\2' and 'rotor 2 at 0, found by another monitor' in message
+            and values['health'] == '1, 0, 1, 1, 1, 1'), 'the new monitor knows')
+    found(2, 4)
+    lost('2, 4')
+    for process in others:
+        graph.end(process, signal.SIGKILL)
+    diagnostics.arrays.clear()
+    for name in ('allocator', 'controller'):
+        graph.start(name, '--vehicle', 'hexarotor')
     lost('2, 4')
     reset(graph)
     lost('none')
@@ -215,6 +225,38 @@ def test_a_named_loss_is_acted_on_where_the_vehicle_still_hovers_level(graph, na
     turns(not acted)
     announced.publish(health_message(*turning))
     turns(False)
+
+
+def test_a_reset_of_one_monitor_does_not_give_back_what_another_one_has_found(graph):
+    start = 'monitor', '--vehicle', 'hexarotor'
+    graph.start('allocator', '--vehicle', 'hexarotor')
+    graph.start(*start)
+    vehicle, diagnostics = Vehicle(graph), Diagnostics(graph)
+    held = graph.listen(Float64MultiArray, 'rotor_health/held', STANDING)
+    for name in ('monitor', 'allocator'):
+        graph.connect(name)
+    stopped = [1, 0, 1, 1, 1, 1]
+    graph.spin_until(lambda: vehicle.fly(stopped, lambda health: health == stopped), 'found')
+    graph.start(*start, '--ros-args', '-r', '__node:=second')
+
+    def says(name, condition, what):
+        diagnostics.arrays.clear()
+        diagnostics.wait(name, condition, what)
+
+    def told(*status):
+        return 'rotor 2 at 0, found by another monitor' in status[1]
+
+    says('second', told, 'the second one is told')
+    for name, lost in (('second', '2'), ('monitor', 'none')):
+        before = len(held)
+        reset(graph, name)
+        graph.spin_until(
+            lambda before=before: any(
+                messages.origin_of(each).startswith('reset') for each in held[before:]),
+            f'the reset of {name} is known')
+        says('allocator', lambda *status, lost=lost: status[2]['lost rotors'] == lost,
+             f'{lost} after a reset of {name}')
+    says('second', lambda *status: not told(*status), 'the second one has nothing to tell')
 
 
 class Vehicle:
@@ -573,3 +615,41 @@ def test_an_arm_counts_no_more_where_a_later_monitor_tells_which_rotor_has_faile
         diagnostics.wait(
             'allocator', lambda *status, together=together: status[2].get(
                 'health in use', '').startswith(f'{together}, 1, '), f'{origin}: {health}')
+
+
+def test_an_allocator_that_starts_late_knows_what_each_of_two_monitors_has_found(graph):
+    publishers = []
+    for origin, health in (('start 1', [1, 0, 1, 1, 1, 1]), ('start 2', [1, 1, 0, 1, 1, 1])):
+        publishers.append(
+            graph.node.create_publisher(Float64MultiArray, 'rotor_health', STANDING))
+        health = np.array(health, float)
+        message = messages.health_message(health, (), origin)
+        publishers[-1].publish(messages.fill_speeds(message, health, None))
+    Allocator(graph).start()
+    Diagnostics(graph).wait(
+        'allocator', lambda *status: status[2]['lost rotors'] == '2, 3', 'both are lost')
+
+
+def test_of_many_monitors_what_the_oldest_found_is_kept_together_until_a_reset(graph):
+    allocator = Allocator(graph)
+    allocator.start()
+
+    def say(origin, *health):
+        said = np.array(health, float)
+        message = messages.health_message(said, (), origin)
+        allocator.health.publish(messages.fill_speeds(message, said, None))
+
+    say('start 1', 1, 0, 1, 1, 1, 1)
+    allocator.commands(lost(2), 'the first is heard')
+    for k in range(2, 21):
+        say(f'start {k}', 1, 1, 1, 1, 1, 1 - k / 100)
+        allocator.diagnostics.wait(
+            'allocator', lambda *status, k=k: f', {1 - k / 100:.3g}' in status[2].get(
+                'health in use', ''), f'start {k}')
+
+    def kept(_, message, values):
+        return message.count('another monitor found') == 7 and values['lost rotors'] == '2'
+
+    allocator.diagnostics.wait('allocator', kept, 'seven beside the newest')
+    say('reset 21', 1, 1, 1, 1, 1, 1)
+    allocator.commands(lost(), 'none is lost')

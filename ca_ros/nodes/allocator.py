@@ -78,7 +78,9 @@ class ProblemBelief(Belief):
     health_topic = topics.EFFECTOR_HEALTH
     sound, stuck = 'no effector has failed', ('effectors', 'effector {} stuck at {:g}')
 
-    def subscribe(self, streams: Streams, answer: Callable[[], None]) -> None:
+    def subscribe(
+        self, streams: Streams, answer: Callable[[], None], tells: bool = False
+    ) -> None:
         """Subscribe to matrix and health."""
         kind, listen = Float64MultiArray, streams.listen
         listen(kind, topics.EFFECTIVENESS, self._receive_matrix, topics.STANDING)

@@ -93,7 +93,7 @@ class AllocatorNode(Node):
             self, self.parameters, self.diagnostics, fall_back=self._fall_back,
             missing=self._missing)
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
-        self.belief.subscribe(self.streams, self._serve_held)
+        self.belief.subscribe(self.streams, self._serve_held, tells=True)
         self._offer()
         serve = self._serve if self._mode.clocked else self._serve_in_lockstep
         self.streams.subscribe(topics.WRENCH, serve, messages.read_wrench)

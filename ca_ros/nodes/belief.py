@@ -1,6 +1,6 @@
 """What a node believes of the vehicle: its parameters, and what others report."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from functools import partial
 from math import inf
 from time import monotonic
@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.allocation.reconfiguration import Failures, Reconfiguration
@@ -15,14 +16,15 @@ from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics, Level
 from ca_ros.nodes.messages import (
     RESET,
-    failed_arms,
-    origin_of,
+    fill_speeds,
+    health_message,
     read_announcement,
     speeds_stamp,
 )
+from ca_ros.nodes.monitor_reports import MonitorReports, least, none_of, report_of
 from ca_ros.nodes.parameters import Parameters
-from ca_ros.nodes.stream import Streams
-from ca_ros.nodes.topics import STANDING, standing
+from ca_ros.nodes.stream import NO_EVENTS, Streams
+from ca_ros.nodes.topics import GATHERED, STANDING, standing
 from ca_ros.problem.audit import Audit
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.motors import HEALTH_MIN
@@ -39,9 +41,9 @@ class Belief:
     The health in use is the least, for each rotor, of the parameter `rotors.health` and of the
     last sound messages on `rotor_health` and `rotor_health/announced`; the second one may also
     name servos that stick.  The last message on `rotor_health` holds if its publisher ends, with a
-    warning, and what it says of failures also if another one starts, until that is reset.  So does
-    the last sound voltage on `battery`; before the first one, the bounds are those of the
-    settings.
+    warning, and what it says of failures also if another one starts, until that is reset; the
+    other one is told.  So does the last sound voltage on `battery`; before the first one, the
+    bounds are those of the settings.
 
     `make`: see `Reconfiguration`.  `changed`: called when something else is in force; it only
     assigns.
@@ -61,7 +63,9 @@ class Belief:
         self._changed = changed
         self.current = self.made_by(parameters.settings, make)
         parameters.on_change(self.current.prepare, self._use)
-        self._monitors: dict[str, Failures] = {}
+        self._monitors = MonitorReports()
+        self._keeper: Publisher | None = None
+        self._held: tuple[str, Hashable] | None = None
         self._health_time = -1
         self._voltage_time = inf
         self._logged_audit: Audit | None = None
@@ -78,14 +82,21 @@ class Belief:
         """The audit of the belief in force."""
         return self.current.in_force.audit
 
-    def subscribe(self, streams: Streams, answer: Callable[[], None]) -> None:
+    def subscribe(
+        self, streams: Streams, answer: Callable[[], None], tells: bool = False
+    ) -> None:
         """Subscribe to what is said of the health, and to `battery` if the voltage matters.
 
         `answer` is called after each sound message of the monitor, for what waited for it.
+        `tells`: whether to tell the newest monitor what others have found.
         """
         self._answer = answer
         topic = topics.ROTOR_HEALTH
-        streams.listen(topic.kind, topic.name, self._receive_health, STANDING)
+        streams.listen(topic.kind, topic.name, self._receive_health, GATHERED)
+        if tells:
+            held = topics.HELD_HEALTH
+            self._keeper = self._node.create_publisher(
+                held.kind, held.name, STANDING, event_callbacks=NO_EVENTS)
         self.subscribe_announcements(streams)
         if not np.any(self._parameters.settings.rotors.speed_max_per_volt):
             return
@@ -115,7 +126,7 @@ class Belief:
         for name, reported in self.current.reported.items():
             newest, text = self._logged_reports.get(name, (None, self.sound))
             if reported is not newest:
-                now = self._reductions(reported)
+                now = self.reductions(reported)
                 self._logged_reports[name] = reported, now
                 if now != text:
                     self._node.get_logger().warning(f'{name}: {now}')
@@ -146,8 +157,8 @@ class Belief:
         topic = self.health_topic
         if topic in self.current.reported and not self._node.count_publishers(topic):
             found.append((WARN, f'the publisher of {topic} has ended: its last one holds'))
-        for failures in [*self._monitors.values()][:-1]:
-            if (text := self._reductions(failures)) != self.sound:
+        for failures in self._monitors.others:
+            if (text := self.reductions(failures)) != self.sound:
                 found.append((WARN, f'another monitor found, until monitor/reset: {text}'))
         if self.current.fault:
             found.append((ERROR, f'not in force: {self.current.fault}'))
@@ -200,27 +211,43 @@ class Belief:
         self._diagnostics.warn('health', f'refused {why}')
 
     def _receive_health(self, message: Float64MultiArray) -> None:
-        said = Failures(np.array(message.data), failed_arms(message), {})
-        origin = origin_of(message)
-        before = self._monitors.get(origin)
-        if before is None or said.key != before.key:
+        (origin, said), time = report_of(message), speeds_stamp(message)
+        news = not self._monitors.has(origin, said)
+        if news:
             try:
                 self.current.check(said.health, None, said.arms)
             except ParameterError as error:
                 self._refuse(str(error))
                 return
-            if before is None:
-                self._monitors = {
-                    each: found for each, found in self._monitors.items()
-                    if not origin.startswith(RESET)
-                    # Of those that find nothing the monitors that were reset stay known.
-                    and (each.startswith(RESET) or found.health.min() < 1.0)}
-            self._monitors[origin] = said
-            health, arms, _ = _least(self._monitors.values())
+            self._monitors.take(origin, said)
+            health, arms, _ = self._monitors.together
             self._report(topics.ROTOR_HEALTH.name, health, None, arms)
-        time = speeds_stamp(message)
         self._health_time = -1 if time is None else time
         self._answer()
+        if news and self._keeper:
+            self._tell_monitors(self._keeper, least([none_of(said), *self._monitors.others]))
+
+    def _tell_monitors(self, keeper: Publisher, others: Failures) -> None:
+        """Tell the newest monitor what others have found, and the others of a reset."""
+        newest = self._monitors.newest
+        held = newest, others.key
+        # If this node has started late, the monitor may have been told more.
+        knows = self._held is not None or newest.startswith(RESET) or others.health.min() < 1.0
+        if held != self._held and knows:
+            self._held = held
+            message = health_message(others.health, others.arms, newest)
+            keeper.publish(fill_speeds(message, others.health, None))
+
+    @property
+    def held(self) -> Failures:
+        """What monitors before this one found; of a monitor."""
+        none = none_of(self.current.in_force.failures)
+        return self.current.reported.get(topics.HELD_HEALTH.name, none)
+
+    def hold(self, said: Failures | None = None) -> None:
+        """Believe what monitors before this one found; None: nothing."""
+        found = said or none_of(self.held)
+        self._report(topics.HELD_HEALTH.name, found.health, None, found.arms)
 
     def _receive_announcement(
         self, message: Float64MultiArray, name: str = topics.ANNOUNCED_HEALTH.name
@@ -246,7 +273,7 @@ class Belief:
             return
         self._voltage_time = monotonic()
 
-    def _reductions(self, said: Failures) -> str:
+    def reductions(self, said: Failures) -> str:
         """Return in words where a report is below the parameter, and what sticks."""
         health, _, stuck = said
         parameter = self.current.own(self._parameters.settings).health
@@ -255,22 +282,3 @@ class Belief:
         found += [self.stuck[1].format(*pair) for pair in stuck.items()]
         return ', '.join(found) or self.sound
 
-
-def _least(monitors: Iterable[Failures]) -> Failures:
-    """Return what monitors say together: the least health of each rotor, and all arms.
-
-    An arm counts no more where a later monitor tells which of its rotors has failed.
-    """
-    found, shares, arms = [*monitors], [], dict[tuple[int, int], None]()
-    for k, each in enumerate(found):
-        health = each.health.copy()
-        for arm in each.arms:
-            pair = [i - 1 for i in arm]
-            told = [later.health[pair] for later in found[k + 1:] if arm not in later.arms]
-            least = np.min([np.ones(2), *told], axis=0)
-            if (least < 1.0).any():
-                health[pair] = np.where(least < 1.0, health[pair], 1.0)
-            else:
-                arms[arm] = None
-        shares.append(health)
-    return Failures(np.min(shares, axis=0), tuple(arms), {})

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
+from ca_ros.allocation.reconfiguration import Failures
 from ca_ros.arrays import Array
 from ca_ros.control.momentum_observer import RESTART
 from ca_ros.detection.acted_on import acted_on
@@ -23,10 +24,11 @@ from ca_ros.nodes.belief import Belief
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.imu import Imu
+from ca_ros.nodes.monitor_reports import least, report_of
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.rclpy_internals import given_parameters
 from ca_ros.nodes.stream import NO_EVENTS, Streams
-from ca_ros.nodes.topics import COMMAND, standing
+from ca_ros.nodes.topics import COMMAND, GATHERED, standing
 from ca_ros.nodes.watchdog import CommandWatch
 from ca_ros.parameter_files import MonitorSettings
 from ca_ros.problem.audit import Audit
@@ -52,7 +54,9 @@ class MonitorNode(Node):
     Where the clock counts, `rotor_health` is published when it changes, otherwise for each state.
     A failure holds until the service ``~/reset``, also if the monitor ends or starts again: each
     message has the start or the reset since which this was found, so its readers keep what was
-    found before a start, and drop it after a reset.
+    found before a start, and drop it after a reset.  On `rotor_health/held` the allocator tells
+    a monitor what others have found, which it says from then on, too; and the others of its reset,
+    after which these say again what they have found.
 
     With `detector.imu_position` it also takes `imu`: between two states the mean of its specific
     force takes the place of the change of velocity.  In real time, angular velocity and specific
@@ -97,6 +101,8 @@ class MonitorNode(Node):
         self._health = self.create_publisher(
             topic.kind, topic.name, standing(self._mode.name), event_callbacks=NO_EVENTS)
         self.streams.subscribe_commands(self._receive_command, self._bounds)
+        held = topics.HELD_HEALTH
+        self.streams.listen(held.kind, held.name, self._receive_held, GATHERED)
         # Subscriptions are served in this order, so a restart comes before its state.
         self.belief.subscribe_announcements(self.streams)
         restart = topics.STATE_RESTART
@@ -110,7 +116,6 @@ class MonitorNode(Node):
             self.streams.listen(measured.kind, measured.name, self._receive_speeds)
         self.create_service(Trigger, '~/reset', self._reset)
         self._publish(None)
-        self._announced = False
         self.diagnostics.start(
             self._levels, self._values, self.streams, self.watchdog.watch,
             self._publish_announced, log=self.belief.log)
@@ -127,7 +132,6 @@ class MonitorNode(Node):
     def _publish_announced(self) -> None:
         """Publish what is announced, after a change of it."""
         if self._announced:
-            self._announced = False
             self._publish(self._observed)
 
     def _levels(self) -> list[Level]:
@@ -146,6 +150,8 @@ class MonitorNode(Node):
             what = 'failed' if arm else 'lost' if lost[i] else left
             seconds = (detector.since[i] or 0) / 1e9
             failed.append(f'rotor {words} {what} since {seconds:.2f} s ({detector.evidence[i]})')
+        if (held := self.belief.reductions(self.belief.held)) != self.belief.sound:
+            failed.append(f'{held}, found by another monitor')
         if failed:
             return ERROR, '; '.join([', '.join(failed), *self._withheld()])
         if not self.watchdog.awake:
@@ -216,6 +222,15 @@ class MonitorNode(Node):
                 self._publish(time)
             if not self.detector.standing:
                 self._lag_check.measure(speeds, self.detector.health)
+
+    def _receive_held(self, message: Float64MultiArray) -> None:
+        origin, said = report_of(message)
+        if origin == self._origin:
+            self.belief.hold(said)
+        elif origin.startswith(messages.RESET):
+            # Of another monitor: what was found here holds.
+            self.belief.hold()
+            self._publish(self._observed)
 
     def _receive_restart(self, message: Header) -> None:
         time = messages.nanoseconds(message.stamp)
@@ -316,20 +331,23 @@ class MonitorNode(Node):
         since, arms = self.detector.since, self.detector.failed_arms
         # What others announce is not found: it ends with their word.
         found = np.where([each is None for each in since], 1.0, self.detector.health)
-        news = found.tolist(), arms, self._origin
+        held = self.belief.held
+        news = found.tolist(), arms, held.key, self._origin
         if news != self._found or self._announced:
             self._acted = acted_on(self.detector)
             if self._found not in (None, news):
                 self.get_logger().error(f'rotor health {np.round(found, 2)}: {self.state()[1]}')
             found[[i - 1 for i in self._acted.withheld]] = 1.0
-            self._message = messages.health_message(found, self._acted.arms, self._origin)
-            self._found, self._told = news, found
+            self._told, arms, _ = least([held, Failures(found, self._acted.arms, {})])
+            self._message = messages.health_message(self._told, arms, self._origin)
+            self._found, self._announced = news, False
         self._health.publish(messages.fill_speeds(self._message, self._told, time))
 
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Forget all failures, but not those that are announced."""
         self.detector.reset()
         self._begin(messages.RESET)
+        self.belief.hold()
         self._publish(self._observed)
         response.success, response.message = True, 'all rotors are as announced'
         return response

@@ -65,6 +65,9 @@ EFFECTORS = Topic('command/effectors', Float64MultiArray, 'allocator', optional=
 ROTOR_HEALTH = Topic(
     'rotor_health', Float64MultiArray, 'monitor', ('allocator', 'controller'), optional=True
 )
+HELD_HEALTH = Topic(
+    'rotor_health/held', Float64MultiArray, 'allocator', ('monitor',), optional=True
+)
 ANNOUNCED_HEALTH = Topic(
     'rotor_health/announced', Float64MultiArray, 'recorder',
     ('allocator', 'controller', 'monitor'), optional=True,
@@ -148,3 +151,7 @@ def standing(mode: str) -> QoSProfile:
 COMMAND = QoSProfile(depth=1)  # of rare messages that must arrive, such as diagnostics
 
 STANDING = standing('realtime')
+
+GATHERED = standing('realtime')
+"""QoS of subscriptions to what two publishers keep: in a queue of 1 one replaces the other."""
+GATHERED.depth = 2
