@@ -11,7 +11,7 @@ from scipy.stats import norm
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
-from ca_ros.detection.hypothesis_test import HypothesisTest
+from ca_ros.detection.hypothesis_test import ODDS, HypothesisTest
 from ca_ros.detection.kernel_detector import KernelDetector, packed
 from ca_ros.detection.lag_check import LagCheck
 from ca_ros.detection.motion_test import MotionTest
@@ -1056,6 +1056,10 @@ def test_two_rotors_are_named_but_opposite_ones_which_may_be_a_load():
         lacked = -1.6 * 0.16 * (0.9 * wrenches[:, 0] + 0.9 * wrenches[:, second])
         found = find(age, lacked[None], given, lateral, variance, *UNKNOWN)
         assert found.named == named
+        if named:
+            # The margin is that of the pair, not that of the likeliest of its rotors.
+            assert found.margin > ODDS
+            assert found.margin > found.evidence.max() - found.disturbance + ODDS
 
 
 @pytest.mark.parametrize(('yaw', 'lost', 'named', 'arms'), [

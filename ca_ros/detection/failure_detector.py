@@ -146,7 +146,7 @@ class FailureDetector:
 
     @property
     def margin(self) -> float:
-        """Lead of the evidence for the likeliest rotor over that for a disturbance.
+        """Lead of the evidence for what is named, or the likeliest rotor, over a disturbance.
 
         In the last test in which something was suspected; a natural logarithm.
         """

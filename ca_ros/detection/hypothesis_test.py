@@ -1,7 +1,7 @@
 """The test for failures: what explains an impulse: lost thrust, a stuck servo, a disturbance."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,6 +56,7 @@ class Finding:
     - `evidence` (n,): logarithm of the Bayes factor of the failure of each rotor against nothing
     - `disturbance`: the same of a disturbance, or of a rotor that gives more than commanded
     - `rotor`: the likeliest rotor
+    - `margin`: lead of what is named, else of the likeliest rotor, over a disturbance
     - `named`: rotors that have failed with the wanted certainty
     - `arms`: pairs of these of which only one has failed, and which one does not show
     - `lost`: share of the thrust of a sound rotor that each has lost
@@ -70,6 +71,7 @@ class Finding:
     evidence: Array
     disturbance: float
     rotor: int
+    margin: float
     named: tuple[int, ...]
     arms: tuple[tuple[int, int], ...]
     lost: Array
@@ -95,12 +97,13 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class _Name:
-    """What is named: see `Finding`."""
+    """What is named: see `Finding`; `evidence`: that for two rotors."""
 
     rotors: tuple[int, ...] = ()
     lost: Array = field(default_factory=lambda: np.zeros(0))
     arms: tuple[tuple[int, int], ...] = ()
     angle: float | None = None
+    evidence: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,15 +254,17 @@ class HypothesisTest:
             leads = owed(leads, losses.raw[likeliest], health, evidence, disturbance)
         else:
             leads = np.zeros(n)
+        margin = max(float(evidence[rotor]), name.evidence) - disturbance
         lasting = bool(not name.rotors and self._lasts(case, leads))
         if lasting:
             rotor, window = int(leads.argmax()), longest
+            margin = float(last[rotor]) - steady
             share = min(losses.raw[longest, rotor], health[rotor])
             # What its partner owes does not tell the two apart.
             lead = np.where(health > 0.0, np.maximum(leads, 0.0), -np.inf)
             name = self._name(rotor, share, lead)
         return Finding(
-            evidence, disturbance, rotor, name.rotors, name.arms, name.lost, name.angle, window,
+            evidence, disturbance, rotor, margin, name.rotors, name.arms, name.lost, name.angle, window,
             leads, lasting, losses.raw[longest], losses.errors[longest])
 
     def _now(
@@ -358,5 +363,7 @@ class HypothesisTest:
         force, torque = np.linalg.norm(pair.wrench.reshape(2, 3), axis=1)
         leads = pair.evidence > max(LIMIT, max(best, case.disturbance) + ODDS)
         clear = leads and pair.lead > ODDS and torque >= self.lever * force
-        name = self._names(pair.rotors, pair.lost, pair.leads) if clear else _Name()
-        return name, pair.evidence
+        if not clear:
+            return _Name(), pair.evidence
+        name = self._names(pair.rotors, pair.lost, pair.leads)
+        return replace(name, evidence=pair.evidence), pair.evidence

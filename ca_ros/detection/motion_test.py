@@ -238,7 +238,7 @@ class MotionTest:
         changed = self._refine(found, failed)
         changed = self._tell_arms(time, impulses, variance) or changed
         self._waited = self._waited + block if suspected else 0.0
-        self.margin = float(found.evidence[found.rotor]) - found.disturbance
+        self.margin = found.margin
         self.suspect = found.rotor if found.evidence[found.rotor] > LIMIT else None
         self._learn(spread, moving, given)
         self.probabilities = found.probabilities
