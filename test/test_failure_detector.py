@@ -11,11 +11,12 @@ from scipy.stats import norm
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
-from ca_ros.detection.hypothesis_test import ODDS, HypothesisTest
+from ca_ros.detection.hypothesis_test import HypothesisTest
 from ca_ros.detection.kernel_detector import KernelDetector, packed
 from ca_ros.detection.lag_check import LagCheck
 from ca_ros.detection.motion_test import MotionTest
 from ca_ros.detection.motor_model import CommandedRotors
+from ca_ros.detection.naming import ODDS
 from ca_ros.detection.noise_estimator import UsualMotion
 from ca_ros.detection.rotor_beliefs import RotorBeliefs
 from ca_ros.detection.stuck_servos import stuck_servos

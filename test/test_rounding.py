@@ -16,6 +16,7 @@ from ca_ros.detection import (
     losses,
     motion_test,
     motor_model,
+    naming,
     noise_estimator,
     pairs,
     rotor_beliefs,
@@ -155,8 +156,9 @@ SHARED = {
         'MOVED': sets_prioritization.MOVED},
     'detector.c': {
         **{name: getattr(hypothesis_test, name) for name in (
-            'CLEAR_LOSS', 'WEAK_LOSS', 'ASKED', 'THRUST_ERROR', 'DRAG_LOST', 'ODDS',
-            'TELLING', 'MARGIN', 'SEEN', 'PAIR_ODDS', 'NEAR')},
+            'THRUST_ERROR', 'DRAG_LOST', 'TELLING')},
+        **{name: getattr(naming, name) for name in (
+            'CLEAR_LOSS', 'WEAK_LOSS', 'ASKED', 'ODDS', 'MARGIN', 'SEEN', 'PAIR_ODDS', 'NEAR')},
         **{name: getattr(leads, name) for name in ('LASTING', 'EXCESS', 'DOUBT', 'DEBT')},
         **{name: getattr(pairs, name) for name in ('LEAST_LOSS', 'MOST_LOSS', 'ALIKE', 'PAIRED')},
         'CONTACT': disturbances.CONTACT, 'LIMIT': losses.LIMIT, 'PRIOR': losses.PRIOR,

@@ -205,7 +205,7 @@ class FailureDetector:
             'partner': [-1 if each is None else each for each in find.partners],
             'unit': find.unit, 'disturbance': find.disturbances.variances,
             'gravity': vehicle.mass * vehicle.gravity, 'imu': motion.imu,
-            'lever': find.lever, 'force_noise': usual.force_noise,
+            'lever': find.naming.lever, 'force_noise': usual.force_noise,
             'noise': usual.noise, 'moving': motion.moving,
             'jump': motion.observer.jump_max, 'balance': motion.observer.ground.limits,
         }
