@@ -1,6 +1,7 @@
 """An inertial unit: the mean force between two states, and the motion from it alone."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -66,6 +67,25 @@ def test_a_sample_of_another_time_is_no_part_of_the_mean():
     forces.add(20 * MS + AHEAD, force(6.0))
     assert forces.mean(10 * MS, 20 * MS) is None
     assert not forces.fault
+
+
+@pytest.mark.parametrize(('clock', 'ages', 'ahead'), [
+    (0, (0,), 0), (20, (0,), 20), (45, (0,), 45), (0, (20, 25, 28), 20), (0, (40, 45, 48), 40),
+    (25, (20,), 45), (-20, (0, 5), 0), (0, (120,), 120)])
+def test_how_far_samples_are_ahead_is_the_least_of_late(clock, ages, ahead):
+    """Whether their clock is ahead, or the states come late [ms]."""
+    forces, last = SpecificForces(), 0
+    for step in range(1, 400):
+        for k in range(5):
+            forces.add((10 * step + 2 * k - 8 + clock) * MS, force(1.0))
+        end = (10 * step - ages[step % len(ages)]) * MS
+        forces.mean(last, end)
+        last = end
+        assert forces.ahead <= ahead * MS + 2 * MS
+    assert forces.ahead >= ahead * MS
+    assert forces.fault == (
+        'it is ahead of the states by more than 100 ms: its clock is, or they come late'
+        if ahead > 100 else '')
 
 
 def test_that_samples_have_stopped_holds_until_they_come_again_but_not_a_wrong_clock():

@@ -452,7 +452,8 @@ def test_an_imu_of_its_own_rate_serves_alone_or_beside_the_states(graph, states)
 
 
 @pytest.mark.parametrize(('ahead', 'words'), [
-    (300_000_000, 'is ahead of'), (-300_000_000, 'is behind')])
+    (300_000_000, 'is ahead of the states by more than 100 ms: its clock is, or they come late'),
+    (-300_000_000, 'is behind the states')])
 def test_the_force_of_an_imu_with_another_clock_is_not_used_and_the_monitor_says_so(
         graph, ahead, words):
     place = 'detector.imu_position:=[0.05, 0.0, 0.02]'
@@ -472,6 +473,32 @@ def test_the_force_of_an_imu_with_another_clock_is_not_used_and_the_monitor_says
     diagnostics.wait('monitor', told, 'the clock')
     graph.spin_until(fly, 'rotor 2 is named')
     assert 1.2 < named[0] < 1.6
+
+
+def test_the_monitor_says_that_an_imu_is_ahead_of_the_states_and_uses_it(graph):
+    """Its clock may be ahead, or the states may come late."""
+    place = 'detector.imu_position:=[0.05, 0.0, 0.02]'
+    graph.start('monitor', '--vehicle', 'hexarotor', '--ros-args', '-p', place)
+    graph.connect('monitor')
+    vehicle, diagnostics = Imu(graph, '2@1000'), Diagnostics(graph)
+    log = graph.listen(Log, '/rosout')
+    words = 'imu is ahead of the states by more than 30 ms: its clock is, or they come late'
+
+    def said(ahead, expected):
+        def met(_, message, values):
+            vehicle.fly(states=True, ahead=ahead * 1_000_000)
+            found = float(values.get('imu ahead of the states [ms]', -1.0))
+            return (words in message) == expected and abs(found - ahead) <= 10
+
+        return met
+
+    diagnostics.wait('monitor', said(20, expected=False), 'a little')
+    diagnostics.wait('monitor', said(50, expected=True), 'too much')
+    graph.spin_until(lambda: any(words in line.msg for line in log), 'a line in the log')
+    assert sum(words in line.msg for line in log) == 1
+    _, message, values = diagnostics.all('monitor')[-1]
+    assert 'not used' not in message
+    assert int(values['states without a specific force']) < 10
 
 
 def test_an_imu_serves_alone_after_states_have_stopped_until_they_return(graph):

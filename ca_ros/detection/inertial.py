@@ -9,11 +9,22 @@ LEVELLING = 0.1  # rate at which the specific force levels the attitude [1/s]
 LEAK = 0.5  # rate at which the velocity is forgotten [1/s]
 HELD = 50_000_000  # how far from its stamp a sample counts at most [ns]
 AHEAD = 100_000_000  # how much older than the newest sample a state is at most [ns]
+LATE = 30_000_000  # the same from which names take longer [ns]
+RISE = 20  # the time in which the least lead of the samples rises, over the rise
 SAMPLES_MAX = 1000  # samples that may wait for a state
 
 NONE = 'none has come'
 STOPPED = 'it has stopped, or its clock is behind that of the states'
-BEHIND = 'its clock is behind that of the states'
+BEHIND = f'it is behind the states by more than {HELD // 10**6} ms: its clock is, or it comes late'
+
+
+def ahead_by(limit: int) -> str:
+    """Return the words for samples that are newer than a state that comes by more than this [ns].
+
+    Whether their clock is ahead or the states come late cannot be told.
+    """
+    cause = 'its clock is, or they come late'
+    return f'is ahead of the states by more than {limit // 10**6} ms: {cause}'
 
 
 class SpecificForces:
@@ -25,11 +36,13 @@ class SpecificForces:
     - `time`: stamp of the newest sample [ns]; None before the first
     - `fault`: why samples far from the last state are not used, in words; empty if they are.
       That they have stopped holds until one is newer than that state.
+    - `ahead`: by how much the newest sample is newer than a state that comes, the least of late
+      [ns]
     """
 
     def __init__(self) -> None:
         self.time: int | None = None
-        self.fault = ''
+        self.fault, self.ahead = '', 0
         self._samples: list[tuple[int, Array]] = []
         self._end, self._came = 0, False
 
@@ -52,10 +65,13 @@ class SpecificForces:
         lead = None if self.time is None else self.time - end
         # Samples that come, and are still too old, have another clock.
         behind = self.fault == BEHIND or (self.fault == STOPPED and self._came)
+        if lead is not None:
+            rise = min(max(end - self._end, 0), AHEAD) // RISE
+            self.ahead = max(min(lead, self.ahead + rise), 0)
         self._end, self._came = end, False
         self.fault = (
             NONE if lead is None else
-            'its clock is ahead of that of the states' if lead > AHEAD else
+            f'it {ahead_by(AHEAD)}' if lead > AHEAD else
             '' if lead >= -HELD else BEHIND if behind else STOPPED)
         if self.fault:
             del self._samples[:-1]

@@ -3,11 +3,13 @@
 from typing import Any
 
 from ca_ros.arrays import Array
-from ca_ros.detection.inertial import SpecificForces, Standby
+from ca_ros.detection.inertial import LATE, SpecificForces, Standby, ahead_by
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.diagnostics import WARN, Diagnostics, Level
 from ca_ros.nodes.mode import RealTime
 from ca_ros.vehicle.state import STATE_MAX
+
+AHEAD = f'{topics.IMU} {ahead_by(LATE)}; failures may be named later'
 
 Sample = tuple[int, Array, tuple[Array, Array], Array]
 """Stamp [ns], attitude (4,), velocity and angular velocity (3,), specific force (3,)."""
@@ -24,7 +26,7 @@ class Imu:
     ) -> None:
         self.used, self._mode, self._diagnostics = used, mode, diagnostics
         self._forces, self._standby = SpecificForces(), Standby(gravity)
-        self.hear = self._standby.hear
+        self.hear, self._late = self._standby.hear, False
 
     @property
     def alone(self) -> bool:
@@ -51,7 +53,12 @@ class Imu:
             return WARN, self.fault
         if self.alone and stated:
             return WARN, f'states have stopped: {topics.IMU} serves alone'
-        return None
+        return (WARN, AHEAD) if self._late else None
+
+    def values(self) -> dict[str, object]:
+        """Return what the diagnostics say of it."""
+        ahead = f'{self._forces.ahead / 1e6:.0f}'
+        return {f'{topics.IMU} ahead of the states [ms]': ahead} if self.used else {}
 
     def force(self, start: int | None, end: int) -> Array | None:
         """Return the mean specific force (3,) between two states [ns]; None if it is unknown."""
@@ -61,6 +68,9 @@ class Imu:
         self._diagnostics.counts['states without a specific force'] += force is None
         if self.fault:
             self._diagnostics.warn('unused', self.fault)
+        late, self._late = self._late, self._forces.ahead > LATE
+        if self._late and not late and not self.fault:
+            self._diagnostics.warn('late', AHEAD)
         return force
 
     def take(self, message: Any) -> Sample | None:

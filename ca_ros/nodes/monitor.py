@@ -186,7 +186,8 @@ class MonitorNode(Node):
         }
         lost = self.detector.vehicle.with_health(self.detector.health).lost
         return {
-            **self.belief.values(), **self._counts, 'health': ', '.join(health),
+            **self.belief.values(), **self._counts, **self._imu.values(),
+            'health': ', '.join(health),
             'lost rotors': ', '.join(f'{i + 1}' for i in np.flatnonzero(lost)) or 'none',
             WITHHELD: ', '.join(map(str, self._acted.withheld)) or 'none',
             'probability of a failure': ', '.join(failures),
