@@ -14,6 +14,7 @@ from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.hypothesis_test import HypothesisTest
 from ca_ros.detection.kernel_detector import KernelDetector, packed
 from ca_ros.detection.lag_check import LagCheck
+from ca_ros.detection.leads import gathered
 from ca_ros.detection.motion_test import MotionTest
 from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.detection.naming import ODDS
@@ -884,16 +885,17 @@ def test_what_has_failed_in_named_arms_is_a_ratio_of_gaussian_densities():
             atol=1e-9)
 
 
-@pytest.mark.parametrize(('usual', 'asked', 'named'), [
-    (1.0, 0.7, False), (1.0, 0.8, True), (0.8, 0.7, True), (0.1, 0.3, False), (0.1, 0.4, True),
-    (2.0, 0.8, True)])
-def test_a_rotor_that_is_named_is_asked_for_its_usual_thrust(usual, asked, named):
+@pytest.mark.parametrize(('usual', 'asked', 'known', 'named'), [
+    (1.0, 0.7, True, False), (1.0, 0.8, True, True), (0.8, 0.7, True, True),
+    (2.0, 0.8, True, True), (0.4, 2.0, True, False), (0.1, 0.3, False, False),
+    (0.1, 0.4, False, True)])
+def test_a_rotor_that_is_named_is_asked_for_its_usual_thrust(usual, asked, known, named):
     # Over that of hover; three quarters of it are enough.
     find, hover = HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR)), HEXAROTOR.weight / 6.0
     age, _, given, lateral, variance = windows(np.random.default_rng(0))
     given[:, :, 2] *= asked * hover / 1.6
     found = find(age, -given[:, :, 2], given, lateral, variance, *UNKNOWN[:2],
-                 np.full(6, usual * hover), *UNKNOWN[3:])
+                 np.full(6, usual * hover), *UNKNOWN[3:], known=known)
     assert found.rotor == 2
     assert found.named == ((2,) if named else ())
 
@@ -993,6 +995,16 @@ def test_a_rotor_that_would_lack_more_than_it_has_is_named_later(known):
         names.append(found.named)
     assert names[-1] == (2,)
     assert (names.index((2,)) > 20) == known
+
+
+def test_soon_after_a_loss_only_its_own_arm_gathers_a_lead():
+    # Rotor 1 of x8 has failed, and its partner is rotor 2; what others owe, they pay back.
+    before, zero = np.array([1.0, 1.0, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(8)
+    partners = Vehicle.load('x8').partners
+    later = [gathered(before, 0.32, rotor * 18.0, zero, 0.0, partners, [0]) for rotor in np.eye(8)]
+    np.testing.assert_array_equal(np.diag(later), [19.0, 19.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert later[2][3] == -1.0
+    assert gathered(before, 0.32, 18.0 * np.eye(8)[2], zero, 0.0, partners)[2] == 19.0
 
 
 def test_a_rotor_that_a_disturbance_leads_far_is_named_later():

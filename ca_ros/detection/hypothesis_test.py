@@ -145,6 +145,7 @@ class HypothesisTest:
         self, ages: Array, lacked: Array, given: Array, lateral: Array, variance: Array,
         health: Array, peaks: Array, usual: Array, leads: Array, block: float,
         arms: Sequence[tuple[int, int]] = (), lost: ArrayLike = (), known: bool = True,
+        recent: Sequence[int] = (),
     ) -> Finding:
         """Test windows.
 
@@ -161,6 +162,7 @@ class HypothesisTest:
         - `lost` (m,): what both rotors of each are taken to have lost
         - `known`: whether it flies for long enough that its trim is known: before, no two rotors
           are named, which together explain almost any trim, and no weak one
+        - `recent`: rotors that failed so lately that others gather no lead; see `gathered`
         """
         n, longest = len(health), len(ages) - 1
         own = given[:, :, :n]
@@ -183,12 +185,12 @@ class HypothesisTest:
         rotor = int(evidence.argmax()) if servo is None else servo.rotor
         case = Case(
             lacked, variance, own, lateral, health, np.isin(np.arange(n), list(arms)),
-            self.naming.asked(ages, own, usual), losses, evidence, disturbance, known)
+            self.naming.asked(ages, own, usual, known), losses, evidence, disturbance, known)
         name, window = self.naming.now(case, rotor, likeliest, servo, leads)
         last = losses.evidence[longest]
         steady = max(float(disturbances[longest]), 0.0)
         if known:
-            leads = gathered(leads, block, last, servos, steady, self.partners)
+            leads = gathered(leads, block, last, servos, steady, self.partners, recent)
             leads = owed(leads, losses.raw[likeliest], health, evidence, disturbance)
         else:
             leads = np.zeros(n)

@@ -3,7 +3,7 @@
 What loses less than half of its thrust shows in time: windows that do not overlap are
 independent, so their evidence adds up.  In the longest window, the lead of each rotor over all
 else is gathered, as its integral over the length of the window, not below zero; `LASTING` of it
-names a rotor.
+names a rotor.  A loss changes the trim, so while it is learnt again, no other rotor gathers.
 
 A push down on the end of an arm begins with more than a rotor can lack, and lets the rotor owe
 `DEBT`: later, when the controller has answered, or the vehicle has turned under the push, the
@@ -29,7 +29,7 @@ and leads it by `DOUBT`, owes a lead of `DEBT` before it is named: it gives no m
 
 def gathered(
     leads: Array, block: float, evidence: Array, servos: Array, disturbance: float,
-    partners: Sequence[int | None],
+    partners: Sequence[int | None], recent: Sequence[int] = (),
 ) -> Array:
     """Return what each rotor has gathered (n,) after a further time.
 
@@ -38,6 +38,7 @@ def gathered(
     - `evidence` (n,) and `disturbance`: in the longest window
     - `servos` (n,): the evidence for servos that stick
     - `partners` (n,): the other rotor of each one's coaxial pair, over which it need not lead
+    - `recent`: rotors that have just failed; others gather nothing, but what they owe
     """
     n = len(leads)
     others = np.tile(np.maximum(evidence, servos), (n, 1))
@@ -46,8 +47,9 @@ def gathered(
         if partner is not None:
             others[i, partner] = 0.0
     lead = np.minimum(evidence - np.maximum(others.max(axis=1), disturbance), LIMIT)
-    return np.asarray(
-        np.maximum(leads + block / WINDOWS[-1] * lead, np.minimum(leads, 0.0)))
+    most = [0.0 if {*recent} - {i, partner} else np.inf for i, partner in enumerate(partners)]
+    return np.maximum(
+        np.minimum(leads + block / WINDOWS[-1] * lead, most), np.minimum(leads, 0.0))
 
 
 def owed(

@@ -13,7 +13,7 @@ from ca_ros.detection.leads import LASTING
 from ca_ros.detection.losses import LIMIT
 from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.detection.noise_estimator import LEARNING, UsualMotion
-from ca_ros.detection.rotor_beliefs import CERTAIN, IN_A_ROW, TOLD, RotorBeliefs
+from ca_ros.detection.rotor_beliefs import CERTAIN, IN_A_ROW, REFINED, TOLD, RotorBeliefs
 from ca_ros.detection.windows import Windows
 from ca_ros.vehicle.settings import triple
 from ca_ros.vehicle.state import GAP, cross, rotation_matrix
@@ -202,13 +202,14 @@ class MotionTest:
         beliefs = self.beliefs
         thrusts = np.linalg.norm(given[:3], axis=0)
         # A stuck rotor is commanded less and less, so a suspicion keeps the greatest thrusts.
-        recent = 0.0 if self._waited > 0.0 else -expm1(-block / RECENT)
-        self._peaks = np.maximum(thrusts, self._peaks - recent * (self._peaks - thrusts))
+        forgotten = 0.0 if self._waited > 0.0 else -expm1(-block / RECENT)
+        self._peaks = np.maximum(thrusts, self._peaks - forgotten * (self._peaks - thrusts))
         if usual.flown < 2.0 * block:
             self.forget()
             return False
         spread = usual.spread(windows.ages, self._measured)
-        failed = beliefs.age(block)
+        failed, recent = (beliefs.failed(within) for within in (REFINED, LEARNING[0]))
+        beliefs.age(block)
         seen = 0.5 * max((windows.lacked**2 / spread).dot(ALL).tolist())
         # While an arm may be told, what it lacks is not learnt.
         settled = not failed and not beliefs.new_arms(time)
@@ -228,7 +229,7 @@ class MotionTest:
         found = self.hypotheses(
             windows.ages, windows.lacked, impulses, windows.lateral, variance, beliefs.health,
             self._peaks, usual.thrusts, self._leads, block, tuple(beliefs.arms),
-            beliefs.lost_by_arms(), usual.flown > LEARNING[0])
+            beliefs.lost_by_arms(), usual.flown > LEARNING[0], recent)
         self._leads = found.leads
         if found.greatest > SUSPICION and not moving:
             # A lost rotor turns the vehicle over; this one stands, and the ground carries it.
@@ -290,7 +291,7 @@ class MotionTest:
     def _give_back_between(self, found: Finding) -> None:
         """Give back the rotors whose failure has just explained what two others lack."""
         beliefs = self.beliefs
-        for rotor in set(beliefs.refined) - {*found.named, *beliefs.held}:
+        for rotor in set(beliefs.failed(REFINED)) - {*found.named, *beliefs.held}:
             if beliefs.evidence[rotor] == 'motion':
                 self._give_back(rotor)
 

@@ -18,7 +18,8 @@ WEAK_LOSS = 0.3  # least share lost, in one of the windows, by a rotor that lead
 
 ASKED = 0.75
 """Least thrust of a rotor that is named, as commanded, over its usual one, which is taken as that
-of hover at most, and as half of that at least."""
+of hover at most, and as half of that at least.  One that usually gives less idles: it shows
+nothing, is asked for more only when something turns the vehicle, and is not named."""
 
 ODDS = 5.3
 """Lead of the evidence over that of each other rotor: the odds of a probability of 0.995."""
@@ -127,10 +128,12 @@ class Naming:
         seen = leads[top] > LASTING and losses.evidence[-1, top] > SEEN
         return bool(seen and weak and case.asked[-1, top])
 
-    def asked(self, ages: Array, given: Array, usual: Array) -> BoolArray:
+    def asked(self, ages: Array, given: Array, usual: Array, known: bool) -> BoolArray:
         """Return which rotors (T, n) give enough thrust (T, 6, n) in each window to be named."""
-        least = ASKED * np.clip(usual, 0.5 * self._hover, self._hover)
-        return np.asarray(np.linalg.norm(given[:, :3], axis=1) >= least * ages[:, None])
+        half = 0.5 * self._hover
+        least = ASKED * np.clip(usual, half, self._hover) * ages[:, None]
+        idles = known & (usual < half)
+        return np.asarray((np.linalg.norm(given[:, :3], axis=1) >= least) & ~idles)
 
     def _rival(self, evidence: Array, rotor: int) -> float:
         """Return the greatest evidence (n,) of a rotor that is not this one or its partner."""

@@ -40,7 +40,7 @@ class RotorBeliefs:
     - `angles`: by rotor, from 0, where its servo was found to stick [rad]
     - `arms`: the named arms, and for each how many tests in a row tell the same rotor of it:
       positive for the first, negative for the second
-    - `refined`: time since the failure of rotors whose health is still estimated [s]
+    - `refined`: time since each failure that was found [s]
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -124,9 +124,10 @@ class RotorBeliefs:
         without = np.where(np.arange(self.vehicle.n) == rotor, 0.0, self.health)
         self._stuck[rotor] = audit(self.vehicle.with_health(without)).sound
 
-    def age(self, step: float) -> list[int]:
-        """Return the rotors whose health is still estimated, after a further time [s]."""
-        recent = list(self.refined)
-        ages = {rotor: age + step for rotor, age in self.refined.items()}
-        self.refined = {rotor: age for rotor, age in ages.items() if age < REFINED}
-        return recent
+    def age(self, step: float) -> None:
+        """Let a further time go by [s]."""
+        self.refined = {rotor: age + step for rotor, age in self.refined.items()}
+
+    def failed(self, within: float) -> list[int]:
+        """Return the rotors that were found to have failed within a time [s]."""
+        return [rotor for rotor, age in self.refined.items() if age < within]

@@ -513,13 +513,16 @@ static ca_real find_pair(const ca_detector *detector, const ca_block *window,
     return best;
 }
 
-/* Whether a rotor is asked for enough thrust to be named, over its usual one or that of hover. */
+/* Whether a rotor is asked for enough thrust to be named, over its usual one or that of hover.  One
+ * that idles shows nothing, and is asked for more only when something turns the vehicle. */
 static int is_asked(const ca_detector *detector, const ca_block *window, int rotor)
 {
     const ca_real hover = ca_sqrt(detector->model->disturbance[0][0]);
     const ca_real usual = ca_abs(detector->mean_thrusts[rotor]);
-    const ca_real least = ASKED * ca_clip(usual, CA_REAL(0.5) * hover, hover);
-    return ca_abs(window->given[rotor]) >= least * window->length;
+    const ca_real half = CA_REAL(0.5) * hover;
+    if (usual < half && detector->flown > LEARNING)
+        return 0;
+    return ca_abs(window->given[rotor]) >= ASKED * ca_clip(usual, half, hover) * window->length;
 }
 
 /* The evidence for the likelier one of a push and a contact with the ground, which pushes up. */
@@ -543,11 +546,12 @@ static ca_real of_disturbances(const ca_detector_model *model, const ca_block *w
 }
 
 /* Gather how far each rotor leads all else in the longest window; name one that leads for long.
- * Nothing is gathered while the trim is not known.  A rotor that lacks more than it has, `lacking`
- * where a disturbance is likeliest, gets a debt, and a smaller one if a disturbance leads it far. */
+ * Nothing is gathered while the trim is not known: in the beginning of a flight, and by others
+ * than a `recent` loss.  A rotor that lacks more than it has, `lacking` where a disturbance is
+ * likeliest, gets a debt, and a smaller one if a disturbance leads it far. */
 static void gather(const ca_detector *detector, const ca_block *window, ca_real block,
                    const ca_real *evidence, ca_real disturbance, const ca_real *lacking,
-                   finding *found)
+                   const int *recent, finding *found)
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
@@ -557,13 +561,15 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
         return;
     }
     for (int i = 0; i < n; i++) {
-        ca_real rival = ca_max(disturbance, 0);
+        ca_real rival = ca_max(disturbance, 0), most = CA_UNBOUNDED;
         for (int j = 0; j < n; j++)
-            if (j != i && j != partner_of(model, i))
+            if (j != i && j != partner_of(model, i)) {
                 rival = ca_max(rival, evidence[j]);
+                most = recent[j] ? 0 : most;
+            }
         const ca_real lead = ca_min(evidence[i] - rival, LIMIT), before = detector->leads[i];
-        found->leads[i] =
-            ca_max(before + block / WINDOWS[CA_WINDOWS - 1] * lead, ca_min(before, 0));
+        const ca_real after = before + block / WINDOWS[CA_WINDOWS - 1] * lead;
+        found->leads[i] = ca_max(ca_min(after, most), ca_min(before, 0));
         const ca_real doubt = found->disturbance - found->evidence[i];
         const int excess = lacking[i] > EXCESS * found->levels[i] && doubt > DOUBT;
         if (found->evidence[i] > LIMIT && (excess || doubt > LIMIT))
@@ -670,7 +676,7 @@ static void name_now(const ca_detector *detector, const ca_block *windows,
 
 /* Test all windows against the failure of each rotor, and against a disturbance. */
 static void test(const ca_detector *detector, const ca_block *windows, ca_real block,
-                 const ca_real variance[CA_WINDOWS][6], finding *found)
+                 const ca_real variance[CA_WINDOWS][6], const int *recent, finding *found)
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
@@ -707,7 +713,7 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
     name_now(detector, windows, variance, (const ca_real(*)[CA_N])evidence,
              (const ca_real(*)[CA_N])shares, likeliest, found);
     gather(detector, &windows[CA_WINDOWS - 1], block, evidence[CA_WINDOWS - 1],
-           disturbances[CA_WINDOWS - 1], lacking[likeliest], found);
+           disturbances[CA_WINDOWS - 1], lacking[likeliest], recent, found);
 }
 
 /* Set, for the first rotor of each named arm, the evidence that it has failed, less that of its
@@ -1108,10 +1114,10 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     ca_real spread[CA_WINDOWS][6], variance[CA_WINDOWS][6], known[CA_WINDOWS][6], greatest = 0;
     finding found;
     /* A stuck rotor is commanded less and less, so a suspicion keeps the greatest thrusts. */
-    const ca_real recent = detector->waited > 0 ? 0 : settled(block / RECENT);
+    const ca_real forgotten = detector->waited > 0 ? 0 : settled(block / RECENT);
     for (int i = 0; i < n; i++) {
         const ca_real thrust = ca_abs(thrusts[i]);
-        const ca_real less = recent * (detector->peaks[i] - thrust);
+        const ca_real less = forgotten * (detector->peaks[i] - thrust);
         detector->peaks[i] = ca_max(thrust, detector->peaks[i] - less);
         detector->sums.change[i] = thrusts[i] - detector->thrusts[i];
         detector->thrusts[i] = thrusts[i];
@@ -1124,9 +1130,10 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         return 0;
     }
     sum_windows(detector, windows);
-    int refining = 0, arms = 0, young[CA_N];
+    int refining = 0, arms = 0, young[CA_N], recent[CA_N];
     for (int i = 0; i < n; i++) {
         young[i] = detector->refined[i] < REFINED;
+        recent[i] = detector->refined[i] < LEARNING;
         detector->refined[i] += block;
         arms |= detector->arm[i];
         /* While an arm may be told, what it lacks is not learnt. */
@@ -1162,7 +1169,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     if (detector->waited >= PATIENCE)
         for (int i = 0; i < n; i++)
             detector->leads[i] = ca_max(detector->leads[i], -LASTING);
-    test(detector, windows, block, (const ca_real(*)[6])variance, &found);
+    test(detector, windows, block, (const ca_real(*)[6])variance, recent, &found);
     ca_copy(n, found.leads, detector->leads);
     ca_real score = found.disturbance;
     for (int i = 0; i < n; i++)
