@@ -42,7 +42,7 @@ from benchmarks.detection.plant import (
     Truth,
     fill,
 )
-from benchmarks.detection.reallocation import acting, fly_on
+from benchmarks.detection.reallocation import AFTERWARDS, acting, fly_on
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.kernel_detector import make_detector
@@ -378,6 +378,19 @@ def test_flights_that_act_on_names_count_names_and_seconds(name, without):
     assert found.hours == pytest.approx(12.0 / 3600.0)
     assert found.without == pytest.approx(without)
     assert (found + found).without == 2.0 * found.without
+
+
+@pytest.mark.parametrize('lost', [0, 3])
+def test_after_a_loss_names_of_sound_rotors_are_counted(lost):
+    setup = Setup.load('octorotor')
+    fake = Fake({100, 900}, 3, setup.vehicle)
+    found = acting(replace(setup, make=lambda *_: fake), 'usual', lost, 12.0, AFTERWARDS)
+    assert found.names == 0  # since that before the loss
+    fake = Fake({900}, 3, setup.vehicle)
+    found = acting(replace(setup, make=lambda *_: fake), 'usual', lost, 12.0, AFTERWARDS)
+    assert found.names == (lost != 3)
+    assert found.hours == pytest.approx(4.0 / 3600.0, abs=0.02 / 3600.0)
+    assert found.without == pytest.approx(3.0 * found.names)
 
 
 def test_the_contacts_of_mujoco_carry_the_vehicle_and_give_as_many_landings():

@@ -28,7 +28,7 @@ from benchmarks.detection.flights import (
     Outcome,
     fly,
 )
-from benchmarks.detection.reallocation import ACTING, WAYS, act, call, fly_on
+from benchmarks.detection.reallocation import ACTING, AFTERWARDS, WAYS, act, call, fly_on
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.errors import CaRosError
 
@@ -54,21 +54,25 @@ def _jobs(options: argparse.Namespace) -> list[tuple[Callable[[Any], Any], tuple
     """Return what is to be flown: a function, and its argument."""
     first = PUBLISHED if options.publish else options.first
     flights = round(options.hours * 3600.0 / DURATION)
-    contacts, acting = (round(h * 3600.0 / DURATION) for h in (options.mujoco, options.acting))
+    contacts, acting, after = (
+        round(h * 3600.0 / DURATION)
+        for h in (options.mujoco, options.acting, options.afterwards))
     losses, reallocated = (-(-each // len(POOLED)) for each in (options.losses, options.flights))
-    most = max(flights, contacts, acting, losses, reallocated)
+    most = max(flights, contacts, acting, after, losses, reallocated)
     if not options.publish and first + most > TUNING:
         raise CaRosError(f'seeds below {TUNING} are for trials: fly less')
     flown = CAUSES if options.causes else options.conditions
     soon = [kind for kind in options.kinds if kind == 'total']
-    if options.imu in ('alone', 'stopped') and reallocated + acting:
-        raise CaRosError(f'--imu {options.imu}: without --flights and --acting')
+    if options.imu in ('alone', 'stopped') and reallocated + acting + after:
+        raise CaRosError(
+            f'--imu {options.imu}: without --flights, --acting and --afterwards')
     given = {'force': options.imu, 'settings': dict(options.settings)}
     parts: list[tuple[Callable[[Any], Any], Any, Any, int]] = [
         (fly, flown, [''], flights), (fly, CONTACTS, [''], contacts),
         (fly, POOLED, options.kinds, losses), (fly, TAKE_OFF, soon, losses),
         (partial(fly_on, left=options.left), POOLED, WAYS, reallocated),
         (act, options.conditions, [ACTING], acting),
+        (act, [each for each in POOLED if each in options.conditions], [AFTERWARDS], after),
     ]
     return [
         (function, (vehicle, name, kind, seeds, given))
@@ -91,7 +95,7 @@ def run(options: argparse.Namespace) -> tuple[str, dict[tuple[str, ...], Any]]:
     totals: dict[tuple[str, ...], list[Outcome]] = {}
     ways = {key: part for key, part in found.items() if key[2] in WAYS}
     for (vehicle, name, loss), part in found.items():
-        if loss in (*WAYS, ACTING):
+        if loss in (*WAYS, ACTING, AFTERWARDS):
             continue
         if not loss:
             counts.setdefault(vehicle, {})[name] = part
@@ -111,9 +115,10 @@ def run(options: argparse.Namespace) -> tuple[str, dict[tuple[str, ...], Any]]:
     if ways:
         text.append('## Flights with the health told to the allocator\n\n'
                     + tables.goes_on(ways, WAYS))
-    acts = {key: part for key, part in found.items() if key[2] == ACTING}
-    if acts:
-        text.append('## Flights without a failure that act on each name\n\n' + tables.acted(acts))
+    for kind, title in ((ACTING, 'without a failure'), (AFTERWARDS, 'after a loss')):
+        acts = {key: part for key, part in found.items() if key[2] == kind}
+        if acts:
+            text.append(f'## Flights {title} that act on each name\n\n{tables.acted(acts)}')
     first = PUBLISHED if options.publish else options.first
     text.append(f'Seeds from {first} on; 95 % intervals; {perf_counter() - begin:.0f} s.\n')
     return '\n'.join(text), found
@@ -133,6 +138,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--mujoco', type=float, default=0.0, help='of each vehicle, landings in MuJoCo [h]')
     add('--acting', type=float, default=0.0,
         help='of each vehicle and condition, in which the allocator does what it is told [h]')
+    add('--afterwards', type=float, default=0.0,
+        help='the same, from when a rotor is lost: further names of sound ones [h]')
     add('--vehicles', nargs='+', default=VEHICLES, choices=VEHICLES)
     add('--conditions', nargs='*', default=[*FLOWN], choices=FLOWN, metavar='NAME',
         help=f'of the hours: {", ".join(FLOWN)}')

@@ -29,8 +29,9 @@ WAYS = 'announced', 'detected', 'unknown', 'false', 'false for 1 s'
 that a sound rotor is lost, for good or for a second, by nobody but us."""
 
 
-ACTING = 'acting'
-"""The kind of flights without a failure in which the allocator does what the detector says."""
+ACTING, AFTERWARDS = 'acting', 'afterwards'
+"""The kinds of flights in which the allocator does what the detector says: without a failure, and
+with a rotor lost."""
 
 
 @dataclass(frozen=True)
@@ -135,9 +136,10 @@ def flown(
 
 @dataclass
 class Acted:
-    """Flights without a failure in which the allocator does what the detector says.
+    """Flights in which the allocator does what the detector says.
 
-    - `names`: how often a rotor with full health was named
+    - `hours`: without a failure, or after a loss
+    - `names`: how often a sound rotor with full health was named, but the partner of a lost one
     - `without`: how long a sound rotor was not fully used [s]
     - `turned_over`: flights that ended so
     """
@@ -151,26 +153,36 @@ class Acted:
         return Acted(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
 
-def acting(setup: Setup, name: str, seed: int, duration: float = DURATION) -> Acted:
-    """Fly without a failure; the detector is never reset, and the allocator does what it says."""
+def acting(
+    setup: Setup, name: str, seed: int, duration: float = DURATION, kind: str = ACTING
+) -> Acted:
+    """Fly; the detector is never reset, and the allocator does what it says.
+
+    With `AFTERWARDS` a rotor is lost, the remainder of the seed; it is counted from then on.
+    """
     rng, vehicle, found = rng_of(seed, setup.name, name), setup.vehicle, Acted()
-    truth, mission = FLOWN[name].draw(setup.model, rng, duration)
+    rotor, failure, sound = seed % vehicle.n, {}, np.ones(vehicle.n, bool)
+    if kind == AFTERWARDS:
+        failure = {**LOSSES['total'], 'rotor': rotor, 'time': BEGIN, 'low': 40.0, 'high': 50.0}
+        sound[[i for i in (rotor, setup.partner(rotor)) if i is not None]] = False
+    truth, mission = FLOWN[name].draw(setup.model, rng, duration, failure)
     plant = Plant(setup.model, truth, mission, int(rng.integers(2**63)))
     allocation, detector, health = Allocation(vehicle), setup.detector(truth), np.ones(vehicle.n)
     acted = acted_on(detector)
     idle = np.full(vehicle.n, setup.model.slowest)
     for _ in range(round(duration / PERIOD)):
         row, wrench = plant.sense()
+        counts = not failure or bool(row['failed'])
         if observe(setup, detector, row):
             new = np.array(detector.health)
-            found.names += int(((new < 1.0) & (health == 1.0)).sum())
+            found.names += int(((new < 1.0) & (health == 1.0) & sound).sum()) * counts
             health, acted = new, acted_on(detector)
             allocation.tell(acted.health, acted.arms)
         command = idle if row['mode'] == GROUNDED else allocation.speeds(wrench)
         detector.command(int(row['time']), command)
         plant.act(command)
-        found.hours += PERIOD / 3600.0
-        found.without += PERIOD * bool((acted.health < 1.0).any())
+        found.hours += PERIOD / 3600.0 * counts
+        found.without += PERIOD * counts * bool((acted.health < 1.0)[sound].any())
         x, y = plant.state[0][6:8]
         if 1.0 - 2.0 * (x * x + y * y) < -0.2:
             found.turned_over = 1
@@ -186,10 +198,11 @@ def observe(setup: Setup, detector: Any, row: Any) -> bool:
 
 
 def act(job: Job) -> tuple[tuple[str, str, str], Acted]:
-    """Fly for a vehicle, a condition, `ACTING` and seeds; return key and what was counted."""
+    """Fly for a vehicle, a condition, a kind and seeds; return key and what was counted."""
     vehicle, name, kind, seeds, options = job
     setup = Setup.load(vehicle, **options)
-    return (vehicle, name, kind), sum((acting(setup, name, seed) for seed in seeds), Acted())
+    found = [acting(setup, name, seed, kind=kind) for seed in seeds]
+    return (vehicle, name, kind), sum(found, Acted())
 
 
 def fly_on(job: Job, left: float = 0.0) -> tuple[tuple[str, str, str], list[Flown]]:

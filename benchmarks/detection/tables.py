@@ -115,7 +115,7 @@ def goes_on(found: Mapping[tuple[str, ...], Sequence[Flown]], ways: Sequence[str
 
 
 def acted(found: Mapping[tuple[str, ...], Acted]) -> str:
-    """Return the table of flights that act on false alarms; keys have vehicle and condition."""
+    """Return the table of flights that act on what is named; keys have vehicle and condition."""
     rows = [
         [f'`{vehicle}`', name, rate(each.names, each.hours),
          f'{each.without / each.hours:.0f}', str(each.turned_over), f'{each.hours:.2f}']
