@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ca_ros.allocation.reconfiguration import Failures
-from ca_ros.nodes.monitor_reports import MONITORS_MAX, MonitorReports
+from ca_ros.nodes.monitor_reports import MONITORS_MAX, MonitorReports, report_of
 
 
 def report(*lost, arms=()):
@@ -30,13 +30,21 @@ def test_a_reset_ends_what_others_have_found_once_however_often_they_speak():
         assert reports.has(origin, report(*failed))
 
 
-def test_what_others_have_found_is_that_of_all_but_the_newest():
+def test_the_newest_is_told_what_others_have_found_and_all_are_told_of_a_reset():
     reports = MonitorReports()
-    for origin, failed in (('start 1', 2), ('start 2', 3), ('start 1', 4)):
-        reports.take(origin, report(failed))
-    assert reports.newest == 'start 2'
-    [other] = reports.others
-    assert other.key == report(4).key
+    for origin, failed, told in (
+        ('start 1', [2], None), ('start 1', [3], None), ('start 2', [], ('start 2', [3])),
+        # What it has found itself is no news to it; what another one finds is.
+        ('start 2', [4], None), ('start 1', [3, 5], ('start 2', [3, 5])),
+        ('start 1', [], ('start 2', [])), ('reset 6', [], ('reset 6', [])),
+        ('start 1', [2], ('reset 6', [2])),
+    ):
+        reports.take(origin, report(*failed))
+        word = reports.word_to_newest()
+        assert (word is None) == (told is None)
+        if told:
+            to, said = report_of(word)
+            assert (to, said.key) == (told[0], report(*told[1]).key)
 
 
 @pytest.mark.parametrize('kind', ['start', 'reset'])

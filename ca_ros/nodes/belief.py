@@ -1,6 +1,6 @@
 """What a node believes of the vehicle: its parameters, and what others report."""
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from math import inf
 from time import monotonic
@@ -14,14 +14,8 @@ from std_msgs.msg import Float64MultiArray
 from ca_ros.allocation.reconfiguration import Failures, Reconfiguration
 from ca_ros.nodes import topics
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics, Level
-from ca_ros.nodes.messages import (
-    RESET,
-    fill_speeds,
-    health_message,
-    read_announcement,
-    speeds_stamp,
-)
-from ca_ros.nodes.monitor_reports import MonitorReports, least, none_of, report_of
+from ca_ros.nodes.messages import read_announcement, speeds_stamp
+from ca_ros.nodes.monitor_reports import MonitorReports, none_of, report_of
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.stream import NO_EVENTS, Streams
 from ca_ros.nodes.topics import GATHERED, STANDING, standing
@@ -65,7 +59,6 @@ class Belief:
         parameters.on_change(self.current.prepare, self._use)
         self._monitors = MonitorReports()
         self._keeper: Publisher | None = None
-        self._held: tuple[str, Hashable] | None = None
         self._health_time = -1
         self._voltage_time = inf
         self._logged_audit: Audit | None = None
@@ -224,19 +217,8 @@ class Belief:
             self._report(topics.ROTOR_HEALTH.name, health, None, arms)
         self._health_time = -1 if time is None else time
         self._answer()
-        if news and self._keeper:
-            self._tell_monitors(self._keeper, least([none_of(said), *self._monitors.others]))
-
-    def _tell_monitors(self, keeper: Publisher, others: Failures) -> None:
-        """Tell the newest monitor what others have found, and the others of a reset."""
-        newest = self._monitors.newest
-        held = newest, others.key
-        # If this node has started late, the monitor may have been told more.
-        knows = self._held is not None or newest.startswith(RESET) or others.health.min() < 1.0
-        if held != self._held and knows:
-            self._held = held
-            message = health_message(others.health, others.arms, newest)
-            keeper.publish(fill_speeds(message, others.health, None))
+        if news and self._keeper and (word := self._monitors.word_to_newest()):
+            self._keeper.publish(word)
 
     @property
     def held(self) -> Failures:

@@ -17,10 +17,10 @@ from ca_ros.detection.acted_on import acted_on
 from ca_ros.detection.detector_settings import no_lag
 from ca_ros.detection.kernel_detector import Detector, make_detector
 from ca_ros.detection.lag_check import LagCheck
-from ca_ros.detection.rotor_beliefs import words_of
 from ca_ros.detection.speed_residual import oldest_measurement
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.belief import Belief
+from ca_ros.nodes.detector_words import failures_found, not_acted_on, values_of
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.imu import Imu
@@ -33,12 +33,6 @@ from ca_ros.nodes.watchdog import CommandWatch
 from ca_ros.parameter_files import MonitorSettings
 from ca_ros.problem.audit import Audit
 from ca_ros.vehicle.command_bounds import CommandBounds
-
-FOUND = 'failure found of rotor '
-"""Name of the values of the diagnostics that say when a failure was found."""
-
-WITHHELD = 'named, not acted on'
-"""Name of the value of the diagnostics with the rotors that `acted_on` withholds."""
 
 UNTESTED = (
     'no rotor is tested: commands are missing, or a flight has just begun, by a start in the air, '
@@ -140,20 +134,11 @@ class MonitorNode(Node):
 
     def state(self) -> Level:
         """Return which rotors have failed, or may be failing."""
-        detector = self.detector
-        lost = detector.vehicle.with_health(detector.health).lost
-        found = [i + 1 for i, since in enumerate(detector.since) if since is not None]
-        failed = []
-        for rotor, words in words_of(found, detector.failed_arms).items():
-            i, arm = rotor - 1, words != str(rotor)
-            left = f'weak, {100.0 * detector.health[i]:.0f} % left,'
-            what = 'failed' if arm else 'lost' if lost[i] else left
-            seconds = (detector.since[i] or 0) / 1e9
-            failed.append(f'rotor {words} {what} since {seconds:.2f} s ({detector.evidence[i]})')
+        detector, failed = self.detector, failures_found(self.detector)
         if (held := self.belief.reductions(self.belief.held)) != self.belief.sound:
             failed.append(f'{held}, found by another monitor')
         if failed:
-            return ERROR, '; '.join([', '.join(failed), *self._withheld()])
+            return ERROR, '; '.join([', '.join(failed), *not_acted_on(self._acted.withheld)])
         if not self.watchdog.awake:
             return STALE, f'no state yet{self._imu.missing()}'
         if detector.suspect is not None:
@@ -168,32 +153,12 @@ class MonitorNode(Node):
             return WARN, UNTESTED
         return OK, 'all rotors deliver their thrust'
 
-    def _withheld(self) -> list[str]:
-        """Return which names are not acted on, and why."""
-        rotors = ', '.join(map(str, self._acted.withheld))
-        why = 'no allocation would hold the vehicle level; if it is sure, announce it'
-        return [f'not acted on: rotor {rotors} ({why})'] if rotors else []
-
     def _values(self) -> dict[str, object]:
-        health, (*failures, disturbance) = (
-            [f'{share:.3g}' for share in shares]
-            for shares in (self.detector.health, self.detector.probabilities)
-        )
         total = self._lag_check.total
-        since = {
-            f'{FOUND}{i + 1} [ns]': time for i, time in enumerate(self.detector.since)
-            if time is not None
-        }
-        lost = self.detector.vehicle.with_health(self.detector.health).lost
         return {
             **self.belief.values(), **self._counts, **self._imu.values(),
-            'health': ', '.join(health),
-            'lost rotors': ', '.join(f'{i + 1}' for i in np.flatnonzero(lost)) or 'none',
-            WITHHELD: ', '.join(map(str, self._acted.withheld)) or 'none',
-            'probability of a failure': ', '.join(failures),
-            'probability of a disturbance': disturbance,
+            **values_of(self.detector, self._acted.withheld),
             'lag and delay of motors [ms]': 'unknown' if total is None else f'{1e3 * total:.0f}',
-            **since,
         }
 
     def _receive_command(self, message: Float64MultiArray, command: Array) -> None:

@@ -1,12 +1,12 @@
 """What monitors have found: of each start and of each reset the newest report."""
 
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 
 import numpy as np
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.allocation.reconfiguration import Failures
-from ca_ros.nodes.messages import RESET, failed_arms, origin_of
+from ca_ros.nodes.messages import RESET, failed_arms, fill_speeds, health_message, origin_of
 
 MONITORS_MAX = 8
 """Origins that are known one by one; what older ones found is kept together."""
@@ -24,6 +24,7 @@ class MonitorReports:
 
     def __init__(self) -> None:
         self._found: dict[str, Failures] = {}
+        self._word: tuple[str, Hashable] | None = None
 
     def has(self, origin: str, said: Failures) -> bool:
         """Return whether this is the newest report of its origin."""
@@ -41,11 +42,6 @@ class MonitorReports:
             self._found = {EARLIER: both, **self._found}
 
     @property
-    def newest(self) -> str:
-        """The newest origin."""
-        return next(reversed(self._found))
-
-    @property
     def others(self) -> list[Failures]:
         """The reports of all but the newest origin."""
         return [*self._found.values()][:-1]
@@ -54,6 +50,21 @@ class MonitorReports:
     def together(self) -> Failures:
         """What all found."""
         return least(self._found.values())
+
+    def word_to_newest(self) -> Float64MultiArray | None:
+        """Return the message to the newest origin of what others found; None: it has no news.
+
+        By this, the others hear of a reset.
+        """
+        newest, said = [*self._found.items()][-1]
+        health, arms, _ = others = least([none_of(said), *self.others])
+        word = newest, others.key
+        # Who has started late knows nothing, and the newest one may have been told more.
+        knows = self._word is not None or newest.startswith(RESET) or health.min() < 1.0
+        if word == self._word or not knows:
+            return None
+        self._word = word
+        return fill_speeds(health_message(health, arms, newest), health, None)
 
 
 def report_of(message: Float64MultiArray) -> tuple[str, Failures]:

@@ -9,10 +9,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from ca_ros.arguments import full_name
+from ca_ros.nodes.detector_words import FOUND, WITHHELD
 from ca_ros.nodes.diagnostics import OK
 from ca_ros.nodes.link_faults import FAULT_KINDS
 from ca_ros.nodes.messages import nanoseconds
-from ca_ros.nodes.monitor import FOUND, WITHHELD
 from ca_ros.nodes.topics import DIAGNOSTICS, deep
 from ca_ros_cli import NODES
 
