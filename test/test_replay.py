@@ -16,7 +16,7 @@ from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.kernel_detector import make_detector
-from ca_ros.detection.replay import Naming, motion_of, replay, without_rotor
+from ca_ros.detection.replay import Naming, _turned, motion_of, replay, without_rotor
 from ca_ros.settings import ParameterError
 from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.studies.cases import Case
@@ -154,6 +154,18 @@ def test_an_injected_loss_takes_the_torque_of_the_rotor_alone_however_fast_the_v
     across = missing - np.outer(missing @ own, own) / own.dot(own)
     assert abs(lost.gyro[400]).max() > 8.0
     assert abs(across).max() < 0.1 * abs(missing).max()
+
+
+def test_a_vehicle_without_torques_turns_on_with_its_energy():
+    # It turns at 35 rad/s; beside it, the recorded one is at rest.
+    inertia, rest = np.diag([0.037, 0.030, 0.015]), np.zeros(3)
+    turned = np.array([20.0, -20.0, 20.0])
+    energy = turned @ inertia @ turned
+    momentum = np.linalg.norm(inertia @ turned)
+    for _ in range(200):
+        turned = turned + _turned(inertia, rest, rest, turned, rest, 0.01)
+    np.testing.assert_allclose(turned @ inertia @ turned, energy, rtol=0.01)
+    np.testing.assert_allclose(np.linalg.norm(inertia @ turned), momentum, rtol=0.01)
 
 
 def test_a_loss_is_injected_however_many_commands_are_recorded():

@@ -304,13 +304,32 @@ def without_rotor(
             continue
         turn = rotation_matrix(motion.attitude[i])
         moved = moved + (now - last) * thrust / vehicle.mass * (turn @ column[:3])
-        omega = motion.gyro[i] - turned
-        torque = thrust * column[3:] + cross(omega, inertia @ omega) - cross(
-            motion.gyro[i], inertia @ motion.gyro[i])
-        turned = turned + (now - last) * np.linalg.solve(inertia, torque)
         velocity[i] -= turn.T @ moved
+        turned = turned + _turned(
+            inertia, motion.gyro[i - 1], motion.gyro[i], turned, thrust * column[3:], now - last)
         gyro[i] -= turned
         if force is not None:
             force[i] -= thrust / vehicle.mass * column[:3]
     return Motion(
         motion.times[kept], motion.attitude[kept], velocity, gyro, force, motion.notes)
+
+
+def _turned(
+    inertia: Array, before: Array, after: Array, turned: Array, torque: Array, step: float
+) -> Array:
+    """Return how a lost torque (3,) changes an angular velocity more in a step (3,): Runge-Kutta.
+
+    - `before`, `after`: the angular velocity with the torque
+    - `turned`: what it is less without it, before
+    """
+    def rate(share: float, turned: Array) -> Array:
+        whole = before + share * (after - before)
+        less = whole - turned
+        gyroscopic = cross(less, inertia @ less) - cross(whole, inertia @ whole)
+        return np.asarray(np.linalg.solve(inertia, torque + gyroscopic))
+
+    first = rate(0.0, turned)
+    second = rate(0.5, turned + 0.5 * step * first)
+    third = rate(0.5, turned + 0.5 * step * second)
+    last = rate(1.0, turned + step * third)
+    return np.asarray(step / 6.0 * (first + 2.0 * second + 2.0 * third + last))
