@@ -396,6 +396,7 @@ class Imu:
         self.plant = Plant(
             RigidBody(vehicle), settings, imu=ImuSettings(imu_position=[0.05, 0.0, 0.02]))
         self.speeds = np.sqrt(vehicle.weight / 6 / vehicle.thrust_per_squared_speed)
+        self.reading = np.ones(3)
         self.imu = graph.publisher(sensor_msgs.Imu, 'imu')
         self.pose = graph.publisher(PoseStamped, 'local_position/pose')
         self.velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
@@ -409,7 +410,8 @@ class Imu:
         """
         state, time = self.plant.step(self.speeds), self.plant.elapsed
         if imu:
-            header, measured = Header(stamp=stamp(time + ahead)), self.plant.specific_force
+            header = Header(stamp=stamp(time + ahead))
+            measured = self.reading * self.plant.specific_force
             self.imu.publish(fill_imu(sensor_msgs.Imu(), header, state[10:], measured))
         header = Header(stamp=stamp(time))
         if states and time % 20_000_000 == 0:
@@ -499,6 +501,32 @@ def test_the_monitor_says_that_an_imu_is_ahead_of_the_states_and_uses_it(graph):
     _, message, values = diagnostics.all('monitor')[-1]
     assert 'not used' not in message
     assert int(values['states without a specific force']) < 10
+
+
+def test_an_imu_in_another_unit_is_not_used_and_the_monitor_says_so(graph):
+    place = 'detector.imu_position:=[0.05, 0.0, 0.02]'
+    graph.start('monitor', '--vehicle', 'hexarotor', '--ros-args', '-p', place, '-p', INSTANT)
+    graph.connect('monitor')
+    vehicle, diagnostics, states = Imu(graph, '2@1000'), Diagnostics(graph), True
+    vehicle.reading /= 9.81
+    vehicle.speeds *= 1.01  # it climbs: what does not move might stand
+
+    def says(level, words):
+        def met(*status):
+            vehicle.fly(states=states)
+            return status[0] == level and words in status[1]
+
+        diagnostics.wait('monitor', met, words)
+
+    words = 'imu is not used: its specific force is'
+    says(b'\1', words)
+    begun = vehicle.plant.elapsed
+    vehicle.plant.failures = RotorFailures.read([f'2@{begun / 1e9 + 1.5}'])
+    graph.spin_until(lambda: vehicle.fly(states=states) == [1, 0, 1, 1, 1, 1], 'rotor 2 is named')
+    assert 1.5 < (vehicle.plant.elapsed - begun) / 1e9 < 2.0
+    # It does not serve alone, either.
+    states = False
+    says(b'\2', f'no state ({words}')
 
 
 def test_an_imu_serves_alone_after_states_have_stopped_until_they_return(graph):

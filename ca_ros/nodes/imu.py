@@ -3,11 +3,13 @@
 from typing import Any
 
 from ca_ros.arrays import Array
+from ca_ros.detection.force_check import ForceCheck
 from ca_ros.detection.inertial import LATE, SpecificForces, Standby, ahead_by
 from ca_ros.nodes import messages, topics
 from ca_ros.nodes.diagnostics import WARN, Diagnostics, Level
 from ca_ros.nodes.mode import RealTime
 from ca_ros.vehicle.state import STATE_MAX
+from ca_ros.vehicle.vehicle import Vehicle
 
 AHEAD = f'{topics.IMU} {ahead_by(LATE)}; failures may be named later'
 
@@ -22,11 +24,13 @@ class Imu:
     """
 
     def __init__(
-        self, used: bool, gravity: float, mode: RealTime, diagnostics: Diagnostics
+        self, used: bool, vehicle: Vehicle, mode: RealTime, diagnostics: Diagnostics
     ) -> None:
         self.used, self._mode, self._diagnostics = used, mode, diagnostics
-        self._forces, self._standby = SpecificForces(), Standby(gravity)
+        self._forces, self._standby = SpecificForces(), Standby(vehicle.gravity)
         self.hear, self._late = self._standby.hear, False
+        self._check = ForceCheck(vehicle)
+        self.command = self._check.command
 
     @property
     def alone(self) -> bool:
@@ -36,7 +40,7 @@ class Imu:
     @property
     def fault(self) -> str:
         """Why it is not used; empty if it is, or there is to be none."""
-        fault = self._forces.fault
+        fault = self._forces.fault or self._check.fault
         return f'{topics.IMU} is not used: {fault}' if fault else ''
 
     def lacks(self, time: int) -> bool:
@@ -44,8 +48,10 @@ class Imu:
         return self.used and not self._mode.clocked and self._forces.time != time
 
     def missing(self) -> str:
-        """Return what to say if there is to be one, and none has come."""
-        return f', no {topics.IMU} either' if self.used and self._forces.time is None else ''
+        """Return what to say if there is to be one, and none has come, or it is wrong."""
+        if self.used and self._forces.time is None:
+            return f', no {topics.IMU} either'
+        return f' ({self.fault})' if self.fault else ''
 
     def level(self, stated: bool) -> Level | None:
         """Return what is wrong with it, or with the states; `stated`: whether one has come."""
@@ -65,6 +71,7 @@ class Imu:
         if not self.used or start is None:
             return None
         force = self._forces.mean(start, end)
+        force = None if self.fault else force
         self._diagnostics.counts['states without a specific force'] += force is None
         if self.fault:
             self._diagnostics.warn('unused', self.fault)
@@ -81,5 +88,6 @@ class Imu:
             self._diagnostics.drop('imu', f'{topics.IMU}: expected numbers up to {STATE_MAX:g}')
             return None
         self._forces.add(time, force)
+        self._check.add(time, force)
         attitude, velocity = self._standby.sense(time, angular_velocity, force)
         return time, attitude, (velocity, angular_velocity), force

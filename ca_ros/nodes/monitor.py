@@ -83,13 +83,15 @@ class MonitorNode(Node):
         self._use()
         vehicle = self.belief.audit.vehicle
         self._imu = Imu(
-            settings.detector.has_imu, vehicle.gravity, self._mode, self.diagnostics)
+            settings.detector.has_imu, vehicle, self._mode, self.diagnostics)
         self._bounds = CommandBounds(vehicle)
         self._lag_check = LagCheck(vehicle, settings.detector)
         self._no_lag = no_lag(given_parameters(self))
         if self._no_lag:
             self.get_logger().warning(self._no_lag)
-        self.watchdog = CommandWatch(self, self.parameters, self.diagnostics, 'state')
+        self.watchdog = CommandWatch(
+            self, self.parameters, self.diagnostics, 'state',
+            missing=lambda: f'no state{self._imu.missing()}')
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
         topic = topics.ROTOR_HEALTH
         self._health = self.create_publisher(
@@ -170,6 +172,8 @@ class MonitorNode(Node):
         self._commanded = time
         self.detector.command(time, command)
         self._lag_check.command(time, command)
+        if self._imu.used:
+            self._imu.command(command)
         self._observe()
 
     def _receive_speeds(self, message: Float64MultiArray) -> None:

@@ -19,6 +19,8 @@ from ca_ros.vehicle.vehicle import Vehicle
 
 MOST = 0.8  # quantile of the differences that counts: most of a flight is hover
 CLEARLY = 2.0  # ratio of the differences of two readings
+FORCE_WINDOW = 0.5  # in which specific forces are compared [s]
+FORCE_OFF = 5.0  # how far a specific force in the right unit may be off [m/s^2]
 IN_AIR = 0.5  # least thrust in the air, over the weight
 WINDOWS_MIN = 6  # in the air; of fewer nothing is said
 RATE = 25.0  # values of a stream below which half of the losses are not named [1/s]
@@ -146,7 +148,7 @@ READINGS: Mapping[str, tuple[str, Readings, Readings]] = {
 
 CHECKS = (
     (('gyro', 'attitude'), _turn_rate, 0.25, 'rad/s', (1.0, 0.15)),
-    (('acc',), _less_weight, 0.5, 'm/s^2', (5.0, 5.0)),
+    (('acc',), _less_weight, FORCE_WINDOW, 'm/s^2', (FORCE_OFF, FORCE_OFF)),
     (('gyro',), _carried, 2.0, 'm/s^2', (3.0, 3.0)),
     (('gyro',), _carried, 1.0, 'm/s^2', (3.0, 3.0)),
     (('velocity', 'attitude'), _acceleration, 0.5, 'm/s^2', (3.0, 0.15)),

@@ -1,0 +1,76 @@
+"""Whether the specific force of an inertial unit can be that of the commanded rotors."""
+
+import numpy as np
+
+from ca_ros.arrays import Array
+from ca_ros.vehicle.effectiveness import rotor_wrenches
+from ca_ros.vehicle.formats.recording import FRD
+from ca_ros.vehicle.plausibility import CLEARLY, FORCE_OFF, FORCE_WINDOW, IN_AIR
+from ca_ros.vehicle.vehicle import Vehicle
+
+WINDOWS = 2  # in a row with the same verdict, from which it counts
+
+
+class ForceCheck:
+    """Finds an inertial unit that gives its specific force in g, or forward-right-down.
+
+    In windows in which the rotors are to carry the vehicle, the mean specific force is compared
+    with theirs, with the tolerances of `ca_ros.vehicle.plausibility`: it is wrong if it is off by
+    more, and another reading leaves less than 1 / `CLEARLY` of that; it is right if each other
+    reading leaves more than `CLEARLY` times as much.  Attitude and acceleration count for nothing,
+    so turns, falls and inverted flight are no faults.  Only a crash may look like one: rotors are
+    commanded to carry a vehicle that lies on its back, or falls.
+
+    `fault`: what is wrong, in words; empty if nothing is.
+    """
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.fault = ''
+        self._vehicle = vehicle.intact
+        self._readings = {'in g': np.full(3, vehicle.gravity), 'forward-right-down': FRD}
+        self._verdict, self._times = '', 0
+        self._force: Array = np.zeros(3)
+        self._expected: Array = np.zeros(3)
+        self._start = self._samples = self._commands = 0
+
+    def command(self, command: Array) -> None:
+        """Take rotor speeds (n,) and then servo angles (k,) [rad/s, rad]."""
+        n, vehicle = self._vehicle.n, self._vehicle
+        given = rotor_wrenches(vehicle, command[n:])[:3] @ vehicle.thrusts(command[:n])
+        self._expected = self._expected + given / vehicle.mass
+        self._commands += 1
+
+    def add(self, time: int, force: Array) -> None:
+        """Take a specific force (3,) [m/s^2] with its stamp [ns]."""
+        if not 0 <= time - self._start < 2e9 * FORCE_WINDOW:
+            self._begin(time)
+        elif time - self._start >= 1e9 * FORCE_WINDOW:
+            if self._commands:
+                self._judge(self._force / self._samples, self._expected / self._commands)
+            self._begin(time)
+        self._force = self._force + force
+        self._samples += 1
+
+    def _begin(self, time: int) -> None:
+        self._start, self._samples, self._commands = time, 0, 0
+        self._force, self._expected = np.zeros(3), np.zeros(3)
+
+    def _judge(self, force: Array, expected: Array) -> None:
+        """Take the means (3,) of a window."""
+        if np.linalg.norm(expected) < IN_AIR * self._vehicle.gravity:
+            return
+        off = float(np.linalg.norm(force - expected))
+        left = {
+            words: float(np.linalg.norm(factor * force - expected))
+            for words, factor in self._readings.items()}
+        verdict = min(left, key=left.__getitem__)
+        if CLEARLY * off < left[verdict]:
+            verdict = ''
+        elif off <= max(FORCE_OFF, CLEARLY * left[verdict]):
+            return
+        self._times = self._times + 1 if verdict == self._verdict else 1
+        self._verdict = verdict
+        if self._times == WINDOWS:
+            self.fault = verdict and (
+                f'its specific force is {off:.3g} m/s^2 away from that of the commanded rotors; '
+                f'read as {verdict} {left[verdict]:.3g}: expected m/s^2, up in hover')

@@ -1,0 +1,67 @@
+"""An inertial unit in g or forward-right-down, found from the commanded rotors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ca_ros.detection.force_check import ForceCheck
+from ca_ros.vehicle.vehicle import Vehicle
+
+HEXAROTOR = Vehicle.load('hexarotor')
+HOVER = np.sqrt(HEXAROTOR.weight / 6 / HEXAROTOR.thrust_per_squared_speed)
+UP = np.array([0.0, 0.0, 9.81])
+STEP = 5_000_000  # [ns]
+
+
+class Flight:
+    def __init__(self, vehicle=HEXAROTOR):
+        self.check, self.time = ForceCheck(vehicle), 0
+
+    def fly(self, seconds, force, speeds=HOVER):
+        """Give a specific force for some time; return all that is said."""
+        said = []
+        for _ in range(round(seconds / 0.005)):
+            self.time += STEP
+            if self.time % (4 * STEP) == 0:
+                self.check.command(speeds)
+            self.check.add(self.time, force)
+            said.append(self.check.fault)
+        return {*said}
+
+
+@pytest.mark.parametrize(('read', 'words'), [
+    (lambda force: force / 9.81, 'read as in g'),
+    (lambda force: force * [1, -1, -1], 'read as forward-right-down')])
+def test_a_wrong_reading_is_named_after_a_second_and_until_it_is_right(read, words):
+    flight = Flight()
+    assert flight.fly(0.9, read(UP)) == {''}
+    flight.fly(0.3, read(UP))
+    [fault] = flight.fly(1.0, read(1.3 * UP))
+    assert words in fault
+    # On the ground nothing is known.
+    [kept] = flight.fly(5.0, UP, 0.1 * HOVER)
+    assert words in kept
+    flight.fly(1.2, UP)
+    assert flight.fly(5.0, UP) == {''}
+
+
+def test_a_fall_a_landing_a_turn_and_a_lost_rotor_are_no_faults():
+    flight = Flight()
+    manoeuvres = [
+        (UP, HOVER),
+        (0.02 * UP, 0.1 * HOVER),  # it falls, its rotors idle
+        (0.02 * UP, HOVER),  # it falls, its rotors give nothing
+        (3.0 * UP, 1.7 * HOVER),  # it is caught
+        (UP, 0.75 * HOVER),  # it stands, half carried by the ground
+        (0.8 * UP, HOVER),  # one of six is lost
+        (1.5 * UP + [4.0, 0.0, 0.0], HOVER),  # it rises in a gust
+    ]
+    for force, speeds in manoeuvres:
+        for seconds in (0.5, 3.0):
+            assert flight.fly(seconds, force, speeds) == {''}, (force, speeds)
+
+
+def test_inverted_flight_by_rotors_that_turn_back_is_no_fault():
+    vehicle = replace(HEXAROTOR, speed_min=-HEXAROTOR.speed_max)
+    assert Flight(vehicle).fly(5.0, -UP, -HOVER) == {''}
