@@ -15,12 +15,11 @@ from ca_ros.detection.hypothesis_test import HypothesisTest
 from ca_ros.detection.kernel_detector import KernelDetector, packed
 from ca_ros.detection.lag_check import LagCheck
 from ca_ros.detection.leads import gathered
-from ca_ros.detection.motion_test import MotionTest
 from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.detection.naming import ODDS
 from ca_ros.detection.noise_estimator import UsualMotion
-from ca_ros.detection.rotor_beliefs import RotorBeliefs
 from ca_ros.detection.stuck_servos import stuck_servos
+from ca_ros.detection.suspicion import Suspicion
 from ca_ros.kernel import extension
 from ca_ros.settings import ParameterError, read
 from ca_ros.simulation.closed_loop import Change, fly
@@ -904,11 +903,9 @@ def test_a_rotor_that_is_named_is_asked_for_its_usual_thrust(usual, asked, known
     ([(2,), (2,), (2,)], True), ([(2,), (), (2,), (), (2,)], True), ([(2,), (2,), ()], False),
     ([(2,), (2,), (3,), (2,)], False)])
 def test_a_name_is_confirmed_by_three_tests_that_name_nobody_else(names, confirmed):
-    test = MotionTest(HEXAROTOR, SETTINGS, RotorBeliefs(HEXAROTOR))
-    find, (age, lacked, given, lateral, variance) = test.hypotheses, windows(
-        np.random.default_rng(0))
-    found = find(age, lacked, given, lateral, variance, *UNKNOWN)
-    last = [test._confirm(replace(found, named=each)) for each in names][-1]
+    suspicion, find = Suspicion(6), HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR))
+    found = find(*windows(np.random.default_rng(0)), *UNKNOWN)
+    last = [suspicion.confirms(replace(found, named=each)) for each in names][-1]
     assert last is confirmed
 
 

@@ -10,6 +10,7 @@ import pytest
 from ca_ros import AdmissibleSet, AllocationProblem, Status, kernel, make_allocator
 from ca_ros.control import momentum_observer
 from ca_ros.detection import (
+    belief_changes,
     disturbances,
     hypothesis_test,
     leads,
@@ -20,6 +21,7 @@ from ca_ros.detection import (
     noise_estimator,
     pairs,
     rotor_beliefs,
+    suspicion,
     windows,
 )
 from ca_ros.kernel import AXES_MAX, ROTORS_MAX, load
@@ -162,8 +164,9 @@ SHARED = {
         **{name: getattr(leads, name) for name in ('LASTING', 'EXCESS', 'DOUBT', 'DEBT')},
         **{name: getattr(pairs, name) for name in ('LEAST_LOSS', 'MOST_LOSS', 'ALIKE', 'PAIRED')},
         'CONTACT': disturbances.CONTACT, 'LIMIT': losses.LIMIT, 'PRIOR': losses.PRIOR,
-        **{name: getattr(motion_test, name) for name in (
-            'CONFIRMATIONS', 'RECENT', 'TOTAL', 'SUSPICION', 'PATIENCE', 'ACQUAINTED', 'KEPT')},
+        **{name: getattr(motion_test, name) for name in ('RECENT', 'ACQUAINTED', 'KEPT')},
+        **{name: getattr(suspicion, name) for name in ('CONFIRMATIONS', 'SUSPICION', 'PATIENCE')},
+        'TOTAL': belief_changes.TOTAL,
         **{name: getattr(motor_model, name) for name in ('SETTLING', 'HELD')},
         **{name: getattr(rotor_beliefs, name) for name in (
             'REFINED', 'USELESS', 'IN_A_ROW', 'CERTAIN', 'TOLD')},

@@ -142,7 +142,7 @@ class FailureDetector:
     @property
     def suspect(self) -> int | None:
         """The rotor that may be failing now."""
-        return self._motion.suspect
+        return self._motion.suspicion.suspect
 
     @property
     def margin(self) -> float:
@@ -150,7 +150,7 @@ class FailureDetector:
 
         In the last test in which something was suspected; a natural logarithm.
         """
-        return self._motion.margin
+        return self._motion.suspicion.margin
 
     @property
     def health(self) -> Array:
@@ -171,7 +171,7 @@ class FailureDetector:
     def probabilities(self) -> Array:
         """Probabilities (n + 1,): that each rotor has failed, now or before; of a disturbance."""
         found = np.append(self._beliefs.found, 0.0)
-        return np.where(found, found, self._motion.probabilities)
+        return np.where(found, found, self._motion.suspicion.probabilities)
 
     def reset(self) -> None:
         """Forget all failures, and what was learnt of the noise."""
@@ -222,7 +222,7 @@ class FailureDetector:
         for pair in list(self._beliefs.arms):
             # Whoever announces one rotor of an arm tells which one has failed.
             if less[pair[0]] != less[pair[1]]:
-                self._motion.tell_arm(*(pair if less[pair[0]] else pair[::-1]))
+                self._motion.changes.tell_arm(*(pair if less[pair[0]] else pair[::-1]))
                 told = True
         changed = self._beliefs.announce(vehicle) or told
         after = self.vehicle.servos
@@ -231,7 +231,7 @@ class FailureDetector:
             self._motion.follow_servos()
         if moved.any() or changed:
             # When it failed is not known: the motion before shows nothing more.
-            self._motion.forget()
+            self._motion.changes.forget()
 
     def command(self, time: int, command: ArrayLike) -> None:
         """Take a command with its stamp [ns]: speeds (n,) and then angles (k,) [rad/s, rad].
@@ -261,12 +261,12 @@ class FailureDetector:
         failed = [(i, share) for i, share in found or [] if beliefs.health[i] > 0.0]
         if failed or found is None:
             # When they failed is not known: the motion before shows nothing more.
-            self._motion.forget()
+            self._motion.changes.forget()
         for rotor, share in failed:
             for pair in [pair for pair in beliefs.arms if rotor in pair]:
-                self._motion.tell_arm(rotor, sum(pair) - rotor)
+                self._motion.changes.tell_arm(rotor, sum(pair) - rotor)
             beliefs.found[rotor] = 1.0
-            self._motion.fail(rotor, share * beliefs.health[rotor], time, 'rotor speed')
+            self._motion.changes.fail(rotor, share * beliefs.health[rotor], time, 'rotor speed')
         return bool(failed)
 
     def observe(
