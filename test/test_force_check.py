@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ca_ros.detection.force_check import ForceCheck
+from ca_ros.vehicle.state import rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
 HEXAROTOR = Vehicle.load('hexarotor')
@@ -60,6 +61,31 @@ def test_a_fall_a_landing_a_turn_and_a_lost_rotor_are_no_faults():
     for force, speeds in manoeuvres:
         for seconds in (0.5, 3.0):
             assert flight.fly(seconds, force, speeds) == {''}, (force, speeds)
+
+
+def test_states_show_it_on_the_ground_and_where_the_vehicle_lies_on_its_back():
+    level, back = np.array([0.0, 0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0, 0.0])
+    for attitude, force, words in (
+            (level, UP, ''), (level, UP / 9.81, 'in g'), (level, -UP, 'forward-right-down'),
+            (back, -UP, ''), (back, UP, 'forward-right-down')):
+        flight = Flight()
+        for time in range(0, 3_000_000_000, 4 * STEP):
+            flight.check.state(time, attitude, np.zeros(3))
+            flight.fly(0.02, force)
+        assert words in flight.check.fault, (attitude, force)
+        assert bool(words) == bool(flight.check.fault), (attitude, force)
+
+
+def test_a_fall_and_a_turn_with_states_are_no_faults():
+    """It falls, slowed by its drag, with its rotors at hover but dead, and turns over."""
+    flight, velocity = Flight(), np.zeros(3)
+    for step in range(200):
+        angle = 0.03 * step
+        attitude = np.array([np.sin(angle / 2), 0.0, 0.0, np.cos(angle / 2)])
+        turn, drag = rotation_matrix(attitude), -0.1 * velocity
+        flight.check.state(flight.time, attitude, turn.T @ velocity)
+        assert flight.fly(0.02, turn.T @ drag) == {''}
+        velocity = velocity + 0.02 * (drag - UP)
 
 
 def test_inverted_flight_by_rotors_that_turn_back_is_no_fault():

@@ -1,4 +1,4 @@
-"""Whether the specific force of an inertial unit can be that of the commanded rotors."""
+"""Whether the specific force of an inertial unit can be that of the states, or the rotors."""
 
 import numpy as np
 
@@ -6,6 +6,7 @@ from ca_ros.arrays import Array
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.formats.recording import FRD
 from ca_ros.vehicle.plausibility import CLEARLY, FORCE_OFF, FORCE_WINDOW, IN_AIR
+from ca_ros.vehicle.state import rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
 WINDOWS = 2  # in a row with the same verdict, from which it counts
@@ -14,12 +15,13 @@ WINDOWS = 2  # in a row with the same verdict, from which it counts
 class ForceCheck:
     """Finds an inertial unit that gives its specific force in g, or forward-right-down.
 
-    In windows in which the rotors are to carry the vehicle, the mean specific force is compared
-    with theirs, with the tolerances of `ca_ros.vehicle.plausibility`: it is wrong if it is off by
-    more, and another reading leaves less than 1 / `CLEARLY` of that; it is right if each other
-    reading leaves more than `CLEARLY` times as much.  Attitude and acceleration count for nothing,
-    so turns, falls and inverted flight are no faults.  Only a crash may look like one: rotors are
-    commanded to carry a vehicle that lies on its back, or falls.
+    In windows the mean specific force is compared with what attitude and velocity of the states
+    give, by the laws of motion, or, where no states come, with that of the commanded rotors in the
+    air; with the tolerances of `ca_ros.vehicle.plausibility`.  It is wrong if it is off by more,
+    and another reading leaves less than 1 / `CLEARLY` of that; it is right if each other reading
+    leaves more than `CLEARLY` times as much.  Turns, falls and inverted flight are no faults.
+    Without states, a crash may look like one: rotors are commanded to carry a vehicle that lies on
+    its back, or falls.
 
     `fault`: what is wrong, in words; empty if nothing is.
     """
@@ -29,9 +31,11 @@ class ForceCheck:
         self._vehicle = vehicle.intact
         self._readings = {'in g': np.full(3, vehicle.gravity), 'forward-right-down': FRD}
         self._verdict, self._times = '', 0
+        self._state: tuple[int, Array] | None = None  # stamp, velocity in the world frame
+        self._moved: Array = np.zeros(3)
         self._force: Array = np.zeros(3)
         self._expected: Array = np.zeros(3)
-        self._start = self._samples = self._commands = 0
+        self._start = self._samples = self._commands = self._lasted = 0
 
     def command(self, command: Array) -> None:
         """Take rotor speeds (n,) and then servo angles (k,) [rad/s, rad]."""
@@ -40,23 +44,36 @@ class ForceCheck:
         self._expected = self._expected + given / vehicle.mass
         self._commands += 1
 
+    def state(self, time: int, attitude: Array, velocity: Array) -> None:
+        """Take a state: its stamp [ns], attitude (4,) and velocity (3,) in the body [m/s]."""
+        turn, before = rotation_matrix(attitude), self._state
+        self._state = time, turn @ velocity
+        if before is not None and 0 < (step := time - before[0]) < 1e9 * FORCE_WINDOW:
+            gained = self._state[1] - before[1]
+            gained[2] += step / 1e9 * self._vehicle.gravity
+            self._moved = self._moved + turn.T @ gained
+            self._lasted += step
+
     def add(self, time: int, force: Array) -> None:
         """Take a specific force (3,) [m/s^2] with its stamp [ns]."""
         if not 0 <= time - self._start < 2e9 * FORCE_WINDOW:
             self._begin(time)
         elif time - self._start >= 1e9 * FORCE_WINDOW:
-            if self._commands:
-                self._judge(self._force / self._samples, self._expected / self._commands)
+            force = self._force / self._samples
+            if self._lasted:
+                self._judge(force, 1e9 * self._moved / self._lasted, 'states')
+            elif self._commands:
+                self._judge(force, self._expected / self._commands, 'commanded rotors')
             self._begin(time)
         self._force = self._force + force
         self._samples += 1
 
     def _begin(self, time: int) -> None:
-        self._start, self._samples, self._commands = time, 0, 0
-        self._force, self._expected = np.zeros(3), np.zeros(3)
+        self._start, self._samples, self._commands, self._lasted = time, 0, 0, 0
+        self._force, self._expected, self._moved = np.zeros(3), np.zeros(3), np.zeros(3)
 
-    def _judge(self, force: Array, expected: Array) -> None:
-        """Take the means (3,) of a window."""
+    def _judge(self, force: Array, expected: Array, source: str) -> None:
+        """Take the means (3,) of a window, and of what the expected one is."""
         if np.linalg.norm(expected) < IN_AIR * self._vehicle.gravity:
             return
         off = float(np.linalg.norm(force - expected))
@@ -72,5 +89,5 @@ class ForceCheck:
         self._verdict = verdict
         if self._times == WINDOWS:
             self.fault = verdict and (
-                f'its specific force is {off:.3g} m/s^2 away from that of the commanded rotors; '
-                f'read as {verdict} {left[verdict]:.3g}: expected m/s^2, up in hover')
+                f'its specific force is {off:.3g} m/s^2 away from that of the {source}; read as '
+                f'{verdict} {left[verdict]:.3g}: expected m/s^2, up in hover')

@@ -28,7 +28,7 @@ class Imu:
     ) -> None:
         self.used, self._mode, self._diagnostics = used, mode, diagnostics
         self._forces, self._standby = SpecificForces(), Standby(vehicle.gravity)
-        self.hear, self._late = self._standby.hear, False
+        self._late = False
         self._check = ForceCheck(vehicle)
         self.command = self._check.command
 
@@ -42,6 +42,12 @@ class Imu:
         """Why it is not used; empty if it is, or there is to be none."""
         fault = self._forces.fault or self._check.fault
         return f'{topics.IMU} is not used: {fault}' if fault else ''
+
+    def hear(self, time: int, attitude: Array, velocity: Array) -> None:
+        """Take a state: its stamp [ns], attitude (4,) and velocity (3,) in the body [m/s]."""
+        self._standby.hear(attitude, velocity)
+        if self.used:
+            self._check.state(time, attitude, velocity)
 
     def lacks(self, time: int) -> bool:
         """Return whether a state [ns] waits for the message of its stamp."""

@@ -269,7 +269,7 @@ class MonitorNode(Node):
         motion = messages.twist_arrays(velocity)
         if self._take(time, attitude, motion, force):
             self._stated = time
-            self._imu.hear(attitude, motion[0])
+            self._imu.hear(time, attitude, motion[0])
 
     def _interrupt(self) -> None:
         """Take the next state as one that does not continue those before."""
