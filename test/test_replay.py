@@ -1,6 +1,7 @@
 """Recorded flights through the detector: names, injected losses, and what is not recorded."""
 
 import re
+from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
@@ -24,6 +25,7 @@ from ca_ros.studies.replay import report
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.files import find
 from ca_ros.vehicle.formats.recording import Recording
+from ca_ros.vehicle.match import Match, match
 from ca_ros.vehicle.plausibility import check
 from ca_ros.vehicle.state import GAP, rotation_matrix
 from ca_ros.vehicle.vehicle import inertia_of
@@ -182,6 +184,68 @@ def test_a_loss_is_injected_however_many_commands_are_recorded():
         without_rotor(vehicle, each, SETTINGS, motion, 2, 1.0) for each in (recording, often))
     assert abs(once.gyro - motion.gyro[:len(once.gyro)]).max() > 0.5
     np.testing.assert_allclose(thrice.gyro, once.gyro, atol=1e-2)
+
+
+@cache
+def turning(lost=None):
+    """Return a flight of 10 s that rolls and pitches; a rotor may be lost at 8 s."""
+    case, rng = Case.load('hexarotor_realistic'), np.random.default_rng(1)
+    changes = [
+        Change(round(1e9 * t), waypoint=Waypoint.of(*rng.uniform(0.0, 2.0, 3), 0.0))
+        for t in np.arange(1.0, 9.5, 1.0)]
+    if lost is not None:
+        health = np.where(np.arange(6) == lost, 0.0, 1.0)
+        changes.append(Change(8_000_000_000, body=case.body(health)))
+    flight = fly(
+        case.controller(), case.allocator('exact'), case.plant(), UP, 10.0, changes=changes)
+    values = {
+        'command': flight.speeds, 'gyro': flight.angular_velocity, 'attitude': flight.attitude,
+        'velocity': flight.velocity}
+    return case.vehicle, Recording(dict.fromkeys(values, flight.time), values, 'flight'), flight
+
+
+@pytest.mark.parametrize('lost', [None, 2])
+def test_a_flight_fits_the_file_of_its_vehicle_also_if_a_rotor_is_lost(lost):
+    vehicle, recording, _ = turning(lost)
+    for lag, delay in ((0.05, 0.01), (0.0, 0.0)):
+        assert match(vehicle, recording, lag, delay, 1.0) == Match('', True)
+
+
+def test_a_flight_of_another_vehicle_is_told():
+    vehicle, recording, _ = turning()
+    commands = recording.values['command']
+    turned = recording.with_stream('command', commands[:, [3, 4, 5, 0, 1, 2]])
+    fault = match(vehicle, turned, 0.05, 0.01, 1.0).fault
+    assert fault.startswith('roll, pitch, yaw against the commands (correlation -0.99, -0.99')
+    heavy = replace(vehicle, inertia=4.0 * vehicle.inertia)
+    fault = match(heavy, recording, 0.05, 0.01, 1.0).fault
+    assert re.search('roll with [34].. % of the angular acceleration that the file', fault)
+    fault = match(vehicle, recording, 0.05, 0.01, 3.0).fault
+    assert fault == 'in the air 300 % of the thrust that carries the weight'
+
+
+def test_a_vehicle_that_hardly_moves_does_not_show_that_the_file_fits():
+    vehicle, recording, _ = turning()
+    noise = np.random.default_rng(0).normal(0.0, 0.01, recording.values['gyro'].shape)
+    assert match(vehicle, recording.with_stream('gyro', noise), 0.05, 0.01, 1.0) == Match()
+    short = Recording(
+        {name: each[:500] for name, each in recording.times.items()},
+        {name: each[:500] for name, each in recording.values.items()})
+    assert match(vehicle, short, 0.05, 0.01, 1.0) == Match()
+
+
+def test_a_loss_is_not_injected_where_the_file_is_of_another_vehicle(tmp_path, capsys):
+    turning()[2].write_csv(tmp_path / 'flight.csv')
+    command = ['replay', str(tmp_path / 'flight.csv')]
+    assert main([*command, 'hexarotor_realistic', '--inject', '2@5']) == 0
+    out = capsys.readouterr().out
+    assert re.search('^rotor 2 taken at 5 s: rotor 2 named after .. ms$', out, re.MULTILINE)
+    text = find('hexarotor_realistic').read_text()
+    (tmp_path / 'other.yaml').write_text(re.sub('inertia: .*', 'inertia: [0.1, 0.1, 0.2]', text))
+    assert main([*command, str(tmp_path / 'other.yaml')]) == 0
+    assert 'is it the file of this vehicle, with order and' in capsys.readouterr().out
+    assert main([*command, str(tmp_path / 'other.yaml'), '--inject', '2@5']) == 1
+    assert 'expected the file of the vehicle that flew' in capsys.readouterr().err
 
 
 def test_the_command_reads_a_flight_and_the_settings_of_the_vehicle(tmp_path, capsys):
@@ -438,9 +502,11 @@ def test_a_loss_that_cannot_be_named_in_time_says_why(tmp_path, capsys):
                          capsys.readouterr().err)
     main([*command, '2@3.5', '--inject', '2@4.98'])
     tested, late = capsys.readouterr().out.splitlines()[-2:]
-    assert re.fullmatch('rotor 2 taken at 3.5 s: rotor 2 named after .. ms', tested)
+    unsure = '; the motion does not show that the file fits'
+    assert re.fullmatch(f'rotor 2 taken at 3.5 s: rotor 2 named after .. ms{unsure}', tested)
     assert re.fullmatch(
-        'rotor 2 taken at 4.98 s: not named within 0.0[12] s; then nothing is recorded', late)
+        'rotor 2 taken at 4.98 s: not named within 0.0[12] s; then nothing is recorded'
+        f'{unsure}', late)
 
 
 @pytest.mark.parametrize(('line', 'answer'), [
@@ -480,7 +546,7 @@ def test_many_flights_give_a_row_of_the_page(tmp_path, capsys):
     assert re.search(r' s 3\b', named)
     assert '2 flights' in row
     # The rotor that is lost for good is named again after each reset.
-    assert re.search('launch 0, flight [1-9], landing 0; warnings of the lag: 0', row)
+    assert re.search('launch 0, flight [1-9], landing 0; warnings of the lag: 0, of another vehicle: 0', row)
     assert recordings.main([files[0], 'hexarotor_realistic', '--losses']) == 0
     assert 'losses named right 12/12' in capsys.readouterr().out
 

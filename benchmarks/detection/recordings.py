@@ -21,6 +21,7 @@ from ca_ros.detection.replay import WAIT, Motion, Naming, Replay, motion_of, rep
 from ca_ros.studies.replay import settings_of
 from ca_ros.vehicle.formats.recording import Recording, read_recording
 from ca_ros.vehicle.identification import speeds_of
+from ca_ros.vehicle.match import match
 from ca_ros.vehicle.vehicle import Vehicle
 
 PHASES = 'launch', 'flight', 'landing'
@@ -49,12 +50,14 @@ class Replayed:
 
     - `found`: what it named
     - `fault`: what the check of the motors' lag says
+    - `other`: why the file is that of another vehicle
     - `taken`: rotors that were taken from it
     """
 
     name: str
     found: Replay
     fault: str
+    other: str
     taken: list[Taken] = field(default_factory=list)
 
     def __str__(self) -> str:
@@ -62,7 +65,7 @@ class Replayed:
         names = ', '.join(
             f'{each.phase} {each.time:.2f} s {each.words}' for each in self.found.named)
         lines = [f'{self.name}: {self.found.in_air:.1f} s in the air; {names or "nothing named"}; '
-                 f'{self.fault}'.rstrip('; ')]
+                 f'{"; ".join(filter(None, [self.fault, self.other]))}'.rstrip('; ')]
         lines += [
             f'    rotor {each.rotor + 1} at {each.time:.2f} s: '
             f'{each.named.words if each.named else "not named"}'
@@ -116,7 +119,9 @@ def through_detector(
     motion = motion_of(vehicle, recording)
     found = replay(vehicle, recording, settings, motion, make_detector)
     fault = lag_fault(vehicle, recording, settings, motion, found.flying)
-    replayed = Replayed(file.stem, found, fault)
+    like = match(
+        vehicle, recording, settings.motor_time_constant, settings.delay, found.carried)
+    replayed = Replayed(file.stem, found, fault, like.fault)
     if seed is None:
         return replayed
     for rotor, at in losses(vehicle, recording, found, np.random.default_rng(seed)):
@@ -154,7 +159,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     phases, flown = alarms(flights), sum(each.found.in_air for each in flights)
     print(f'{len(flights)} flights, {flown:.0f} s in the air; alarms: '
           f'{", ".join(f"{phase} {phases[phase]}" for phase in PHASES)}; '
-          f'warnings of the lag: {sum(bool(each.fault) for each in flights)}')
+          f'warnings of the lag: {sum(bool(each.fault) for each in flights)}, of another vehicle: '
+          f'{sum(bool(each.other) for each in flights)}')
     if taken := [each for flight in flights for each in flight.taken]:
         after = np.array([each.after for each in taken])
         wrong = sum(bool(each.named) and not np.isfinite(each.after) for each in taken)

@@ -62,6 +62,7 @@ class Replay:
     - `notes`: what is not recorded, and what took its place
     - `flying` (K,): whether the vehicle is off the ground
     - `tested` (K,): see `FailureDetector.testing`
+    - `carried`: median thrust of the commands in the air, over the weight; nan without flight
     """
 
     times: Array
@@ -70,6 +71,7 @@ class Replay:
     notes: list[str]
     flying: Array
     tested: Array
+    carried: float
 
     @property
     def in_air(self) -> float:
@@ -250,7 +252,9 @@ def replay(
     named = [
         replace(each, phase='landing') if lands else each
         for each, lands in zip(named, landing, strict=True)]
-    return Replay(motion.times - begin, probabilities, named, motion.notes, flying, tested)
+    carried = float(np.median(thrust[flying])) / vehicle.weight if flying.any() else np.nan
+    return Replay(
+        motion.times - begin, probabilities, named, motion.notes, flying, tested, carried)
 
 
 def landings(times: Array, flying: Array, thrust: Array) -> Array:

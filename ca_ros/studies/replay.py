@@ -36,6 +36,7 @@ def run(options: argparse.Namespace) -> None:
     """Replay and print."""
     # SciPy's signal processing takes a second to import.
     from ca_ros.vehicle.identification import speeds_of
+    from ca_ros.vehicle.match import match
 
     vehicle = Vehicle.load(options.vehicle)
     settings = settings_of(options.vehicle)
@@ -56,10 +57,19 @@ def run(options: argparse.Namespace) -> None:
             begin = f', but from {later[0]:.2f} s on' if len(later) else ', nor later'
             raise ParameterError(
                 f'--inject {rotor + 1}@{time:g}: nothing is tested then{begin}')
+    like = match(
+        vehicle, recording, settings.motor_time_constant, settings.delay, found.carried)
+    if like.fault:
+        found.notes.append(
+            f'{like.fault}: is it the file of this vehicle, with order and spins of its rotors?')
     print('\n'.join(report(recording.name, found)))
+    if like.fault and losses:
+        raise ParameterError(
+            f'--inject: {like.fault}: expected the file of the vehicle that flew')
     for rotor, time in losses:
         lost = without_rotor(vehicle, recording, settings, motion, rotor, time)
-        print(_answer(rotor, time, replay(vehicle, recording, settings, lost)))
+        answer = _answer(rotor, time, replay(vehicle, recording, settings, lost))
+        print(answer if like.shown else f'{answer}; the motion does not show that the file fits')
     if options.figure is not None:
         _draw(found, options.figure)
         print(f'written: {options.figure}')
