@@ -3,9 +3,11 @@
 import re
 from dataclasses import replace
 from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.patches import StepPatch
 
 from benchmarks.detection import recordings
 from benchmarks.detection.conditions import FLOWN
@@ -20,6 +22,7 @@ from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.detection.replay import Naming, _turned, motion_of, replay, without_rotor
 from ca_ros.settings import ParameterError
 from ca_ros.simulation.closed_loop import Change, fly
+from ca_ros.studies import replay_figure
 from ca_ros.studies.cases import Case
 from ca_ros.studies.replay import report
 from ca_ros.vehicle.effectiveness import rotor_wrenches
@@ -262,6 +265,31 @@ def test_the_command_reads_a_flight_and_the_settings_of_the_vehicle(tmp_path, ca
     for text in ('7@1', '0@1', '1', '1@x', '1@-1'):
         assert main(['replay', *words[:2], '--inject', text]) == 1
         assert f'--inject {text}: expected ROTOR@T' in capsys.readouterr().err
+
+
+def test_the_figure_has_rows_phases_names_and_injections(tmp_path):
+    vehicle, recording, _ = recorded(2)
+    recording = without(recording, 'acc')
+    motion = motion_of(vehicle, recording)
+    found = replay(vehicle, recording, SETTINGS, motion)
+    lost = replay(
+        vehicle, recording, SETTINGS, without_rotor(vehicle, recording, SETTINGS, motion, 4, 3.0))
+    figure = replay_figure.figure_of(found, [(4, 3.0, lost)])
+    body = figure.subfigs[1]
+    axes, = body.axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == [
+        'disturbance', *(f'rotor {i}' for i in range(6, 0, -1))]
+    legend = {each.get_text() for each in figure.subfigs[0].legends[0].get_texts()}
+    assert {'as recorded', 'rotor taken', 'named', 'launch', 'flight'} <= legend
+    first = next(each for each in lost.named if each.time >= 3.0)
+    words = [text.get_text() for text in axes.texts]
+    assert words[0] == f'{found.named[0].time:.1f} s'
+    assert words[-1] == f'+{1e3 * (first.time - 3.0):.0f} ms'
+    # The spike of 10 ms of rotor 5, in its row, is as high as its probability.
+    spikes = [patch.get_path().vertices for patch in axes.patches if isinstance(patch, StepPatch)]
+    assert max(each[:, 1].max() for each in spikes if each[:, 1].min() == 2.0) > 2.5
+    with pytest.raises(ParameterError, match=r'--figure a.gif: expected .*\.png, \.svg, \.pdf'):
+        replay_figure.draw(found, [], Path('a.gif'))
 
 
 def test_what_cannot_be_replayed_is_refused(tmp_path, capsys):
@@ -546,7 +574,8 @@ def test_many_flights_give_a_row_of_the_page(tmp_path, capsys):
     assert re.search(r' s 3\b', named)
     assert '2 flights' in row
     # The rotor that is lost for good is named again after each reset.
-    assert re.search('launch 0, flight [1-9], landing 0; warnings of the lag: 0, of another vehicle: 0', row)
+    assert re.search('launch 0, flight [1-9], landing 0; warnings of the lag: 0, '
+                     'of another vehicle: 0', row)
     assert recordings.main([files[0], 'hexarotor_realistic', '--losses']) == 0
     assert 'losses named right 12/12' in capsys.readouterr().out
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.detection.tables import share
-from ca_ros.arrays import Array
+from ca_ros.arrays import BoolArray
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.detection.lag_check import LagCheck
@@ -94,7 +94,7 @@ def losses(
 
 def lag_fault(
     vehicle: Vehicle, recording: Recording, settings: DetectorSettings, motion: Motion,
-    flying: Array,
+    flying: BoolArray,
 ) -> str:
     """Return what the check of the motors' lag says at the end of a flight."""
     check, sent, begin = LagCheck(vehicle, settings), 0, motion.times[0]

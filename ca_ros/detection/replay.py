@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.detection.acted_on import acted_on
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
@@ -60,7 +60,7 @@ class Replay:
     """A replayed flight: `times` (K,) [s], `probabilities` (K, n + 1), and what was named.
 
     - `notes`: what is not recorded, and what took its place
-    - `flying` (K,): whether the vehicle is off the ground
+    - `phases` (K,): 'ground', 'launch', 'flight' or 'landing'; see `Naming`
     - `tested` (K,): see `FailureDetector.testing`
     - `carried`: median thrust of the commands in the air, over the weight; nan without flight
     """
@@ -69,9 +69,14 @@ class Replay:
     probabilities: Array
     named: list[Naming]
     notes: list[str]
-    flying: Array
-    tested: Array
+    phases: NDArray[np.str_]
+    tested: BoolArray
     carried: float
+
+    @property
+    def flying(self) -> BoolArray:
+        """Whether the vehicle is off the ground (K,)."""
+        return np.asarray(self.phases != 'ground')
 
     @property
     def in_air(self) -> float:
@@ -83,7 +88,7 @@ class Replay:
         """Time in which losses were tested [s]."""
         return self._lasting(self.tested)
 
-    def _lasting(self, rows: Array) -> float:
+    def _lasting(self, rows: BoolArray) -> float:
         steps = np.diff(self.times, prepend=self.times[0])
         return float(steps[np.logical_and(rows, steps < GAP / 1e9)].sum())
 
@@ -222,7 +227,7 @@ def replay(
     begin, next_command = motion.times[0], 0
     probabilities = np.zeros((len(motion.times), vehicle.n + 1))
     named: list[Naming] = []
-    off_ground, flying = 0.0, np.zeros(len(motion.times), bool)
+    off_ground = np.zeros(len(motion.times))
     tested = np.zeros(len(motion.times), bool)
     for i, now in enumerate(motion.times):
         time = round(1e9 * (now - begin))
@@ -233,31 +238,31 @@ def replay(
             detector.command(round(1e9 * (sent[next_command] - begin)), commands[next_command])
             next_command += 1
         step = now - motion.times[i - 1] if i else 0.0
-        off_ground = 0.0 if detector.standing else off_ground + step
-        flying[i], tested[i] = not detector.standing, detector.testing
-        probabilities[i] = detector.probabilities
+        off_ground[i] = -1.0 if detector.standing else max(off_ground[i - 1], 0.0) + step
+        tested[i], probabilities[i] = detector.testing, detector.probabilities
         lost = np.flatnonzero(detector.health < vehicle.health)
         if changed and len(lost):
-            phase = 'launch' if off_ground < LAUNCH else 'flight'
             named.append(Naming(
                 float(now - begin), tuple(lost.tolist()), detector.failed_arms,
-                tuple(detector.health[lost].tolist()), getattr(detector, 'margin', np.nan), phase,
+                tuple(detector.health[lost].tolist()), getattr(detector, 'margin', np.nan), '',
                 bool(acted_on(detector).withheld)))
             detector.reset()
     held = _held(recording, 'command', motion.times)
     assert held is not None
-    thrust = vehicle.thrusts(held).sum(axis=1)
-    landing = landings(motion.times, flying, thrust)[np.searchsorted(
-        motion.times - begin, [each.time for each in named])]
+    thrust, flying = vehicle.thrusts(held).sum(axis=1), np.asarray(off_ground >= 0.0)
+    phases = np.full(len(flying), 'flight', '<U7')
+    phases[off_ground < LAUNCH] = 'launch'
+    phases[landings(motion.times, flying, thrust)] = 'landing'
+    phases[~flying] = 'ground'
+    at = np.searchsorted(motion.times - begin, [each.time for each in named])
     named = [
-        replace(each, phase='landing') if lands else each
-        for each, lands in zip(named, landing, strict=True)]
+        replace(each, phase=str(phase)) for each, phase in zip(named, phases[at], strict=True)]
     carried = float(np.median(thrust[flying])) / vehicle.weight if flying.any() else np.nan
     return Replay(
-        motion.times - begin, probabilities, named, motion.notes, flying, tested, carried)
+        motion.times - begin, probabilities, named, motion.notes, phases, tested, carried)
 
 
-def landings(times: Array, flying: Array, thrust: Array) -> Array:
+def landings(times: Array, flying: BoolArray, thrust: Array) -> BoolArray:
     """Return when a vehicle lands (K,): it comes to stand, and its thrust carries it no more.
 
     It is found to stand 1 to 3 s after the contact, which is not recorded.  So a landing begins
@@ -271,7 +276,7 @@ def landings(times: Array, flying: Array, thrust: Array) -> Array:
         carries = np.flatnonzero(thrust[:end] >= CARRYING * np.median(thrust[flying]))
         if len(carries):
             landing[:end] |= times[:end] > times[carries[-1]] - LANDING
-    return np.logical_and(landing, flying)
+    return np.asarray(landing & flying)
 
 
 def without_rotor(

@@ -4,7 +4,6 @@ import argparse
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,8 +16,6 @@ from ca_ros.vehicle.files import read as read_file
 from ca_ros.vehicle.formats.recording import read_recording
 from ca_ros.vehicle.vehicle import Vehicle
 
-MINUTE = 60.0  # of the picture [s]
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
@@ -28,8 +25,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_recording(parser)
     add('--inject', action='append', default=[], metavar='ROTOR@T', help='take a rotor from the '
         'recorded motion at a time [s] since its beginning; may be given several times')
-    add('--figure', type=Path, metavar='FILE', help='draw the first minute, or that of the first '
-        'name')
+    add('--figure', type=Path, metavar='FILE', help='draw a minute about the first name, or rotor '
+        'that is taken: png, svg or pdf')
 
 
 def run(options: argparse.Namespace) -> None:
@@ -66,12 +63,18 @@ def run(options: argparse.Namespace) -> None:
     if like.fault and losses:
         raise ParameterError(
             f'--inject: {like.fault}: expected the file of the vehicle that flew')
+    taken = []
     for rotor, time in losses:
-        lost = without_rotor(vehicle, recording, settings, motion, rotor, time)
-        answer = _answer(rotor, time, replay(vehicle, recording, settings, lost))
+        lost = replay(
+            vehicle, recording, settings,
+            without_rotor(vehicle, recording, settings, motion, rotor, time))
+        taken.append((rotor, time, lost))
+        answer = _answer(rotor, time, lost)
         print(answer if like.shown else f'{answer}; the motion does not show that the file fits')
     if options.figure is not None:
-        _draw(found, options.figure)
+        from ca_ros.studies.replay_figure import draw
+
+        draw(found, taken, options.figure)
         print(f'written: {options.figure}')
 
 
@@ -127,25 +130,6 @@ def _answer(rotor: int, time: float, found: Replay) -> str:
     elif left < WAIT - 0.05:
         words.append('then nothing is recorded')
     return f'rotor {rotor + 1} taken at {time:g} s: {"; ".join(words)}'
-
-
-def _draw(found: Replay, file: Path) -> None:
-    """Draw the probabilities of a minute."""
-    from matplotlib.figure import Figure
-
-    start = max(0.0, found.named[0].time - 0.5 * MINUTE) if found.named else 0.0
-    shown = (found.times >= start) & (found.times <= start + MINUTE)
-    figure: Any = Figure(figsize=(7.0, 3.0), layout='constrained')
-    axes = figure.subplots()
-    for i, each in enumerate(found.probabilities[shown].T[:-1]):
-        axes.plot(found.times[shown], each, label=f'rotor {i + 1}', linewidth=0.8)
-    axes.plot(found.times[shown], found.probabilities[shown, -1], 'k:', label='disturbance')
-    for each in found.named:
-        if start <= each.time <= start + MINUTE:
-            axes.axvline(each.time, color='k', linewidth=0.5)
-    axes.set(xlabel='time [s]', ylabel='probability', ylim=(0.0, 1.05))
-    axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5))
-    figure.savefig(file)
 
 
 main = partial(command, 'replay', add_options, run)
