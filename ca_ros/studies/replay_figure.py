@@ -21,6 +21,7 @@ MINUTE = 60.0  # that is shown [s]
 SHADES = {'ground': '#bbbbbb', 'launch': '#f7dfa5', 'flight': '#ffffff', 'landing': '#cfe3f1'}
 SOUND, TAKEN = COLORS[0], COLORS[1]  # of the recorded motion, and of one without a rotor
 PARTS = 400  # of the width, in each of which the greatest probability is drawn
+LATE = 0.85  # share of the width after which words stand before a mark
 HEIGHT = 0.8  # of a probability of 1, over the distance between rows
 
 Loss = tuple[int, float, Replay]
@@ -62,6 +63,7 @@ def figure_of(found: Replay, losses: Sequence[Loss]) -> Figure:
     for i, k in pairwise([0, *changes.tolist(), len(times) - 1]):
         shade = SHADES[str(found.phases[i])]
         axes.axvspan(times[i], times[k], color=shade, linewidth=0, zorder=0)
+    axes.set(xlim=(start, end), ylim=(-0.1, n + 1.05), xlabel='time [s]')
     parts = np.linspace(start, end, PARTS + 1)
     _rows(axes, parts, times, found.probabilities, SOUND)
     _names(axes, n, found.named)
@@ -72,7 +74,6 @@ def figure_of(found: Replay, losses: Sequence[Loss]) -> Figure:
         _rows(axes, parts, lost.times[shown], lost.probabilities[shown], TAKEN)
         axes.vlines(time, n - rotor, n - rotor + 1.0, color='black', linestyle=':')
         _names(axes, n, first, time)
-    axes.set(xlim=(start, end), ylim=(-0.1, n + 1.05), xlabel='time [s]')
     axes.set_yticks(range(n + 1), ['disturbance', *(f'rotor {i}' for i in range(n, 0, -1))])
     axes.grid(visible=False, axis='x')
     axes.set_title('probability, from 0 to 1 in each row')
@@ -98,6 +99,9 @@ def _names(axes: Axes, n: int, named: Sequence[Naming], since: float | None = No
         for rotor in each.rotors:
             axes.plot(each.time, n - rotor + HEIGHT, 'v', color='black', markersize=4)
         top = n - min(each.rotors) + 0.5 * HEIGHT
+        start, end = axes.get_xlim()
+        late = each.time > start + LATE * (end - start)
         axes.annotate(
-            words, (each.time, top), (5.0, 0.0), textcoords='offset points', va='center',
+            words, (each.time, top), (-5.0 if late else 5.0, 0.0), va='center',
+            ha='right' if late else 'left', textcoords='offset points',
             bbox={'facecolor': 'white', 'alpha': 0.7, 'linewidth': 0.0, 'pad': 0.5})
