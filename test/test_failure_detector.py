@@ -884,17 +884,18 @@ def test_what_has_failed_in_named_arms_is_a_ratio_of_gaussian_densities():
             atol=1e-9)
 
 
-@pytest.mark.parametrize(('usual', 'asked', 'known', 'named'), [
-    (1.0, 0.7, True, False), (1.0, 0.8, True, True), (0.8, 0.7, True, True),
-    (2.0, 0.8, True, True), (0.4, 2.0, True, False), (0.1, 0.3, False, False),
-    (0.1, 0.4, False, True)])
-def test_a_rotor_that_is_named_is_asked_for_its_usual_thrust(usual, asked, known, named):
-    # Over that of hover; three quarters of it are enough.
+@pytest.mark.parametrize(('usual', 'asked', 'failed', 'named'), [
+    (1.0, 0.7, False, False), (1.0, 0.8, False, True), (0.8, 0.7, False, True),
+    (2.0, 0.8, False, True), (0.1, 0.3, False, False), (0.1, 0.4, False, True),
+    (0.3, 2.0, True, False), (0.4, 0.4, True, True)])
+def test_a_rotor_that_is_named_is_asked_for_its_usual_thrust(usual, asked, failed, named):
+    # Over that of hover; three quarters of it are enough.  After a failure, others may idle.
     find, hover = HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR)), HEXAROTOR.weight / 6.0
     age, _, given, lateral, variance = windows(np.random.default_rng(0))
     given[:, :, 2] *= asked * hover / 1.6
-    found = find(age, -given[:, :, 2], given, lateral, variance, *UNKNOWN[:2],
-                 np.full(6, usual * hover), *UNKNOWN[3:], known=known)
+    health = np.where(np.arange(6) == 5, 0.0 if failed else 1.0, 1.0)
+    found = find(age, -given[:, :, 2], given, lateral, variance, health, UNKNOWN[1],
+                 np.full(6, usual * hover), *UNKNOWN[3:])
     assert found.rotor == 2
     assert found.named == ((2,) if named else ())
 

@@ -58,3 +58,14 @@ def test_of_many_monitors_few_are_known_one_by_one_and_none_is_forgotten(kind):
             [k % 3 + 2] if kind == 'reset' else sorted({1, *(i % 3 + 2 for i in range(2, k + 1))}))
     reports.take('reset 1000', report())
     assert lost(reports) == []
+
+
+def test_a_reset_counts_once_also_after_many_starts():
+    reports = MonitorReports()
+    reports.take('reset 1', report())
+    reports.take('start 2', report(1))
+    for k in range(3, 3 + 2 * MONITORS_MAX):
+        reports.take(f'start {k}', report())
+    assert reports.has('reset 1', report())
+    reports.take('reset 1', report(4))
+    assert lost(reports) == [1, 4]

@@ -185,7 +185,7 @@ class HypothesisTest:
         rotor = int(evidence.argmax()) if servo is None else servo.rotor
         case = Case(
             lacked, variance, own, lateral, health, np.isin(np.arange(n), list(arms)),
-            self.naming.asked(ages, own, usual, known), losses, evidence, disturbance, known)
+            self.naming.asked(ages, own, usual, health), losses, evidence, disturbance, known)
         name, window = self.naming.now(case, rotor, likeliest, servo, leads)
         last = losses.evidence[longest]
         steady = max(float(disturbances[longest]), 0.0)

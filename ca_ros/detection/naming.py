@@ -18,8 +18,9 @@ WEAK_LOSS = 0.3  # least share lost, in one of the windows, by a rotor that lead
 
 ASKED = 0.75
 """Least thrust of a rotor that is named, as commanded, over its usual one, which is taken as that
-of hover at most, and as half of that at least.  One that usually gives less idles: it shows
-nothing, is asked for more only when something turns the vehicle, and is not named."""
+of hover at most, and as half of that at least.  One that usually gives less than the least of
+this after a failure idles: it is asked for more only when something turns the vehicle, and is not
+named."""
 
 ODDS = 5.3
 """Lead of the evidence over that of each other rotor: the odds of a probability of 0.995."""
@@ -128,11 +129,11 @@ class Naming:
         seen = leads[top] > LASTING and losses.evidence[-1, top] > SEEN
         return bool(seen and weak and case.asked[-1, top])
 
-    def asked(self, ages: Array, given: Array, usual: Array, known: bool) -> BoolArray:
+    def asked(self, ages: Array, given: Array, usual: Array, health: Array) -> BoolArray:
         """Return which rotors (T, n) give enough thrust (T, 6, n) in each window to be named."""
         half = 0.5 * self._hover
         least = ASKED * np.clip(usual, half, self._hover) * ages[:, None]
-        idles = known & (usual < half)
+        idles = (health < 1.0).any() & (usual < ASKED * half)
         return np.asarray((np.linalg.norm(given[:, :3], axis=1) >= least) & ~idles)
 
     def _rival(self, evidence: Array, rotor: int) -> float:

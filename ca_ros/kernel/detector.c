@@ -514,15 +514,17 @@ static ca_real find_pair(const ca_detector *detector, const ca_block *window,
 }
 
 /* Whether a rotor is asked for enough thrust to be named, over its usual one or that of hover.  One
- * that idles shows nothing, and is asked for more only when something turns the vehicle. */
+ * that idles after a failure is asked for more only when something turns the vehicle. */
 static int is_asked(const ca_detector *detector, const ca_block *window, int rotor)
 {
     const ca_real hover = ca_sqrt(detector->model->disturbance[0][0]);
-    const ca_real usual = ca_abs(detector->mean_thrusts[rotor]);
-    const ca_real half = CA_REAL(0.5) * hover;
-    if (usual < half && detector->flown > LEARNING)
-        return 0;
-    return ca_abs(window->given[rotor]) >= ASKED * ca_clip(usual, half, hover) * window->length;
+    const ca_real usual = ca_abs(detector->mean_thrusts[rotor]), half = CA_REAL(0.5) * hover;
+    const ca_real least = ASKED * ca_clip(usual, half, hover);
+    if (usual < ASKED * half)
+        for (int i = 0; i < ROTORS(detector->model); i++)
+            if (detector->health[i] < 1)
+                return 0;
+    return ca_abs(window->given[rotor]) >= least * window->length;
 }
 
 /* The evidence for the likelier one of a push and a contact with the ground, which pushes up. */

@@ -37,7 +37,10 @@ class MonitorReports:
             self._found = {each: none_of(said) for each in self._found}
         self._found[origin] = said
         if len(self._found) > MONITORS_MAX:
-            first, second, *_ = self._found
+            # A reset that is not known would count anew, so starts are put together first.
+            older = [*self._found][:-1]
+            starts = [each for each in older if not each.startswith(RESET)]
+            first, second, *_ = starts if len(starts) > 1 else older
             both = least([self._found.pop(first), self._found.pop(second)])
             self._found = {EARLIER: both, **self._found}
 

@@ -104,4 +104,4 @@ def _names(axes: Axes, n: int, named: Sequence[Naming], since: float | None = No
         axes.annotate(
             words, (each.time, top), (-5.0 if late else 5.0, 0.0), va='center',
             ha='right' if late else 'left', textcoords='offset points',
-            bbox={'facecolor': 'white', 'alpha': 0.7, 'linewidth': 0.0, 'pad': 0.5})
+            bbox={'facecolor': 'white', 'linewidth': 0.0, 'pad': 0.5})
