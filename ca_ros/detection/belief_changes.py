@@ -38,9 +38,9 @@ class BeliefChanges:
         self._suspicion.leads = np.zeros(self.beliefs.vehicle.n)
 
     def refine(self, found: Finding, recent: list[int]) -> bool:
-        """Estimate the health of rotors that have just failed, until it stays as it is.
+        """Estimate the health of rotors that have just failed; return whether it changes.
 
-        Return whether it changes.
+        The likeliest one is estimated for as long as it loses more: it may fade.
         """
         held = self.beliefs.held
         least = np.full(len(found.shares), CHANGE)
@@ -51,7 +51,8 @@ class BeliefChanges:
         for rotor in rotors:
             share = float(found.shares[rotor])
             self._reduce(rotor, 0.5 * share if rotor in held else share)
-            self.beliefs.refined[rotor] = 0.0
+            if rotor == found.rotor and share > 0.0 and rotor not in held:
+                self.beliefs.refined[rotor] = 0.0
         self.beliefs.close_arms()
         return bool(rotors)
 

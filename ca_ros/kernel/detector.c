@@ -861,8 +861,8 @@ static void close_arms(ca_detector *detector)
         }
 }
 
-/* Estimate the health of rotors that have just failed, the young ones, until it stays as it is;
- * return whether it changes. */
+/* Estimate the health of rotors that have just failed, the young ones; return whether it changes.
+ * The likeliest one stays young while it loses more: it may fade. */
 static int refine(ca_detector *detector, const finding *found, const int *young)
 {
     int changed = 0;
@@ -871,7 +871,8 @@ static int refine(ca_detector *detector, const finding *found, const int *young)
         const ca_real least = ca_max(CHANGE, detector->arm[i] ? 3 * found->errors[i] : 0);
         if (young[i] && detector->health[i] > 0 && ca_abs(found->shares[i]) > least) {
             reduce(detector, i, (detector->arm[i] ? CA_REAL(0.5) : 1) * found->shares[i]);
-            detector->refined[i] = 0;
+            if (i == found->rotor && found->shares[i] > 0 && !detector->arm[i])
+                detector->refined[i] = 0;
             changed = 1;
         }
     }
