@@ -210,20 +210,6 @@ def test_a_partial_loss_is_found_and_estimated(left):
     np.testing.assert_allclose(detection.detector.health, without(6, rotor_2=left), atol=0.1)
 
 
-def test_a_rotor_that_fades_after_its_name_is_lost_in_the_end():
-    case = Case.load('octorotor', REALISTIC)
-    lost = without(8, rotor_2=0.0)
-    fade = {2.0 + 0.2 * k: 1.0 - 0.1 * k * (1.0 - lost) for k in range(1, 11)}
-    flight, detection = flown(case, fade, 5.0)
-    # It was named with more than a third left, and followed for longer than half a second.
-    first, weak, _ = detection.found[0]
-    assert weak[1] > 0.33
-    assert detection.found[-1][0] - first > 0.6e9
-    np.testing.assert_array_equal(detection.detector.health, lost)
-    assert np.linalg.norm(flight.position[-100:] - UP.position, axis=1).max() < 1.0
-    replayed(case, rows_of(flight)[:400])
-
-
 def test_a_lost_rotor_is_not_taken_for_a_weak_one():
     # The first estimate, 50 ms after the loss, leaves rotor 5 a health of 0.37.
     case = Case.load('hexarotor_ppnnpn', REALISTIC)

@@ -166,7 +166,7 @@ SHARED = {
         'CONTACT': disturbances.CONTACT, 'LIMIT': losses.LIMIT, 'PRIOR': losses.PRIOR,
         **{name: getattr(motion_test, name) for name in ('RECENT', 'ACQUAINTED', 'KEPT')},
         **{name: getattr(suspicion, name) for name in ('CONFIRMATIONS', 'SUSPICION', 'PATIENCE')},
-        **{name: getattr(belief_changes, name) for name in ('TOTAL', 'CHANGE')},
+        'TOTAL': belief_changes.TOTAL,
         **{name: getattr(motor_model, name) for name in ('SETTLING', 'HELD')},
         **{name: getattr(rotor_beliefs, name) for name in (
             'REFINED', 'USELESS', 'IN_A_ROW', 'CERTAIN', 'TOLD')},

@@ -15,8 +15,6 @@ TOTAL = 0.8
 """Greatest loss of a rotor that is not lost when it is named: one that keeps less would be given
 commands so low that its health cannot be estimated further."""
 
-CHANGE = 0.05  # least change of a health that is told
-
 
 class BeliefChanges:
     """Changes what is believed, as if from the start of the windows on.
@@ -38,21 +36,13 @@ class BeliefChanges:
         self._suspicion.leads = np.zeros(self.beliefs.vehicle.n)
 
     def refine(self, found: Finding, recent: list[int]) -> bool:
-        """Estimate the health of rotors that have just failed; return whether it changes.
-
-        The likeliest one is estimated for as long as it loses more: it may fade.
-        """
-        held = self.beliefs.held
-        least = np.full(len(found.shares), CHANGE)
-        # Half of an arm is expected: it takes clear evidence to say something else.
-        least[held] = np.maximum(CHANGE, 3.0 * found.errors[held])
-        clear = np.abs(found.shares) > least
+        """Estimate the health of rotors that have just failed; return whether it changes."""
+        clear = np.abs(found.shares) > np.maximum(0.05, 3.0 * found.errors)
         rotors = [i for i in recent if clear[i] and self.beliefs.health[i] > 0.0]
+        held = self.beliefs.held
         for rotor in rotors:
             share = float(found.shares[rotor])
             self._reduce(rotor, 0.5 * share if rotor in held else share)
-            if rotor == found.rotor and share > 0.0 and rotor not in held:
-                self.beliefs.refined[rotor] = 0.0
         self.beliefs.close_arms()
         return bool(rotors)
 

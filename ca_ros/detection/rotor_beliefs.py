@@ -11,7 +11,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 USELESS = 0.2  # a rotor with less health is lost
 IN_A_ROW = 3  # tests, or measured speeds, one after the other, that change what is believed
 CERTAIN = 0.995  # least probability of a failure that was named
-REFINED = 0.5  # time after a failure, or more of it, in which its health is estimated [s]
+REFINED = 0.5  # time after a failure in which its health is estimated further [s]
 
 TOLD = 1_000_000_000
 """Time after its name in which it may show which rotor of an arm has failed [ns].  Later, what
@@ -40,7 +40,7 @@ class RotorBeliefs:
     - `angles`: by rotor, from 0, where its servo was found to stick [rad]
     - `arms`: the named arms, and for each how many tests in a row tell the same rotor of it:
       positive for the first, negative for the second
-    - `refined`: time since each failure that was found, or more of it [s]
+    - `refined`: time since each failure that was found [s]
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -129,5 +129,5 @@ class RotorBeliefs:
         self.refined = {rotor: age + step for rotor, age in self.refined.items()}
 
     def failed(self, within: float) -> list[int]:
-        """Return the rotors that failed, or lost more, within a time [s]."""
+        """Return the rotors that were found to have failed within a time [s]."""
         return [rotor for rotor, age in self.refined.items() if age < within]

@@ -11,7 +11,6 @@
 #define CONFIRMATIONS 3
 #define IN_A_ROW 3
 #define REFINED CA_REAL(0.5)
-#define CHANGE CA_REAL(0.05)
 #define USELESS CA_REAL(0.2)
 #define TOTAL CA_REAL(0.8)
 #define TOLD 1000000000
@@ -861,21 +860,16 @@ static void close_arms(ca_detector *detector)
         }
 }
 
-/* Estimate the health of rotors that have just failed, the young ones; return whether it changes.
- * The likeliest one stays young while it loses more: it may fade. */
+/* Estimate the health of rotors that have just failed, the young ones; return whether it changes. */
 static int refine(ca_detector *detector, const finding *found, const int *young)
 {
     int changed = 0;
-    for (int i = 0; i < ROTORS(detector->model); i++) {
-        /* Half of an arm is expected: it takes clear evidence to say something else. */
-        const ca_real least = ca_max(CHANGE, detector->arm[i] ? 3 * found->errors[i] : 0);
-        if (young[i] && detector->health[i] > 0 && ca_abs(found->shares[i]) > least) {
+    for (int i = 0; i < ROTORS(detector->model); i++)
+        if (young[i] && detector->health[i] > 0 &&
+            ca_abs(found->shares[i]) > ca_max(CA_REAL(0.05), 3 * found->errors[i])) {
             reduce(detector, i, (detector->arm[i] ? CA_REAL(0.5) : 1) * found->shares[i]);
-            if (i == found->rotor && found->shares[i] > 0 && !detector->arm[i])
-                detector->refined[i] = 0;
             changed = 1;
         }
-    }
     close_arms(detector);
     return changed;
 }
