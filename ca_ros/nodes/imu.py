@@ -77,12 +77,12 @@ class Imu:
         if not self.used or start is None:
             return None
         force = self._forces.mean(start, end)
-        force = None if self.fault else force
+        if fault := self.fault:
+            force = None
+            self._diagnostics.warn('unused', fault)
         self._diagnostics.counts['states without a specific force'] += force is None
-        if self.fault:
-            self._diagnostics.warn('unused', self.fault)
         late, self._late = self._late, self._forces.ahead > LATE
-        if self._late and not late and not self.fault:
+        if self._late and not late and not fault:
             self._diagnostics.warn('late', AHEAD)
         return force
 
