@@ -85,7 +85,7 @@ test-all: coverage = --cov ca_ros --cov-report term:skip-covered
 page_tools := npm clang wasm-ld
 test-all: $(if $(filter 3,$(words $(foreach tool,$(page_tools),$(shell command -v $(tool))))),\
     explorer .venv/.browser) .venv/.rotorpy test test-fresh
-	.venv/bin/python -m benchmarks.detection --hours 0.1 --losses 6
+	.venv/bin/python docs/scripts/detection.py --hours 0.05
 
 .venv/.browser: .venv/.test
 	$(or $(uv),.venv/bin/uv) pip install -q --python .venv/bin/python -e '.[browser]' && touch $@

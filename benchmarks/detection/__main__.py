@@ -1,13 +1,13 @@
 """Fly the detector of failures on a plant of its own: false alarms, and names of failed rotors.
 
-``python -m benchmarks.detection --hours 3.4 --losses 400 --publish`` prints the tables and writes
-them to alarms.md; names.csv has a row for each failure.
+It prints the tables and writes them to alarms.md; names.csv has a row for each failure.  Those of
+results.md are by ``python docs/scripts/detection.py``.
 """
 
 import argparse
 import csv
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -34,6 +34,9 @@ from ca_ros.errors import CaRosError
 
 BLOCK = 10  # flights of a job
 TAKE_OFF = ('landings',)  # where rotors are lost soon after a take-off
+
+Found = dict[tuple[str, ...], Any]
+"""What was found, by vehicle, condition and kind of failure."""
 
 
 def _setting(text: str) -> tuple[str, float]:
@@ -81,15 +84,24 @@ def _jobs(options: argparse.Namespace) -> list[tuple[Callable[[Any], Any], tuple
     ]
 
 
-def run(options: argparse.Namespace) -> tuple[str, dict[tuple[str, ...], Any]]:
-    """Fly; return the tables, and what was found by vehicle, condition and kind of failure."""
-    found: dict[tuple[str, ...], Any] = {}
-    jobs, begin = _jobs(options), perf_counter()
-    with ProcessPoolExecutor(options.jobs, mp_context=get_context('spawn')) as pool:
-        for i, (key, part) in enumerate(pool.map(call, *zip(*jobs, strict=True))):
-            found[key] = found[key] + part if key in found else part
-            if sys.stderr.isatty():
-                print(f'\r{i + 1}/{len(jobs)} {" ".join(key):40}', end='', file=sys.stderr)
+def pool_of(jobs: int | None) -> ProcessPoolExecutor:
+    """Return processes that fly; `jobs`: how many."""
+    return ProcessPoolExecutor(jobs, mp_context=get_context('spawn'))
+
+
+def run(options: argparse.Namespace, pool: ProcessPoolExecutor) -> Found:
+    """Fly; return what was found by vehicle, condition and kind of failure."""
+    found: Found = {}
+    jobs = _jobs(options)
+    for i, (key, part) in enumerate(pool.map(call, *zip(*jobs, strict=True))):
+        found[key] = found[key] + part if key in found else part
+        if sys.stderr.isatty():
+            print(f'\r{i + 1}/{len(jobs)} {" ".join(key):40}', end='', file=sys.stderr)
+    return found
+
+
+def tables_of(found: Found) -> Iterator[tuple[str, str]]:
+    """Yield the tables of what was found, and their titles."""
     counts: dict[str, dict[str, Count]] = {}
     kinds: dict[tuple[str, ...], list[Outcome]] = {}
     totals: dict[tuple[str, ...], list[Outcome]] = {}
@@ -104,28 +116,25 @@ def run(options: argparse.Namespace) -> tuple[str, dict[tuple[str, ...], Any]]:
             kinds[vehicle, loss] = kinds.get((vehicle, loss), []) + part
         if loss == 'total':
             totals[vehicle, 'after a take-off' if name in TAKE_OFF else name] = part
-    parts = [('False alarms an hour', tables.alarms, counts),
-             ('Landings, take-offs and pushes', tables.contacts, counts)] if counts else []
-    text = [f'## {title}\n\n{table(each)}' for title, table, each in parts]
+    if counts:
+        yield 'False alarms an hour', tables.alarms(counts)
+    if any(part.landings or part.pushes for each in counts.values() for part in each.values()):
+        yield 'Landings, take-offs and pushes', tables.contacts(counts)
     if kinds:
-        text.append('## Failures, by kind\n\n' + tables.names(kinds, ('vehicle', 'failure')))
+        yield 'Failures, by kind', tables.names(kinds, ('vehicle', 'failure'))
     if totals:
-        text.append('## Total losses, by condition\n\n'
-                    + tables.names(dict(sorted(totals.items())), ('vehicle', 'condition')))
+        yield 'Total losses, by condition', tables.names(
+            dict(sorted(totals.items())), ('vehicle', 'condition'))
     if ways:
-        text.append('## Flights with the health told to the allocator\n\n'
-                    + tables.goes_on(ways, WAYS))
+        yield 'Flights with the health told to the allocator', tables.goes_on(ways, WAYS)
     for kind, title in ((ACTING, 'without a failure'), (AFTERWARDS, 'after a loss')):
         acts = {key: part for key, part in found.items() if key[2] == kind}
         if acts:
-            text.append(f'## Flights {title} that act on each name\n\n{tables.acted(acts)}')
-    first = PUBLISHED if options.publish else options.first
-    text.append(f'Seeds from {first} on; 95 % intervals; {perf_counter() - begin:.0f} s.\n')
-    return '\n'.join(text), found
+            yield f'Flights {title} that act on each name', tables.acted(acts)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Fly and print the tables; return the exit code."""
+def parser_of_options() -> argparse.ArgumentParser:
+    """Return the parser of the options."""
     parser = argparse.ArgumentParser(
         prog='python -m benchmarks.detection', description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -155,12 +164,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--first', type=int, default=0, help='seed of the first flight, without --publish')
     add('--jobs', type=int, default=1, help='processes')
     add('--out', type=Path, default=Path('out/detection'), metavar='DIR')
-    options = parser.parse_args(argv)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Fly and print the tables; return the exit code."""
+    options, begin = parser_of_options().parse_args(argv), perf_counter()
     try:
-        text, found = run(options)
+        with pool_of(options.jobs) as pool:
+            found = run(options, pool)
     except (CaRosError, ModuleNotFoundError) as error:
         print(f'detection: {error}', file=sys.stderr)
         return 1
+    first = PUBLISHED if options.publish else options.first
+    text = '\n'.join(f'## {title}\n\n{table}' for title, table in tables_of(found))
+    text += f'\nSeeds from {first} on; 95 % intervals; {perf_counter() - begin:.0f} s.\n'
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / 'alarms.md').write_text(text, encoding='utf-8')
     with (options.out / 'names.csv').open('w', newline='', encoding='utf-8') as file:

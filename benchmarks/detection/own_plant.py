@@ -5,12 +5,13 @@ apart, and servos that stick; noise, gusts, lag and delay are those of ``hexarot
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 
-from benchmarks.detection.tables import share
+from benchmarks.detection.tables import share, table
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.errors import CaRosError
 from ca_ros.settings import flat
@@ -29,6 +30,7 @@ TAKEN = (
 SERVOS = [
     f'{part}.{name}' for part in ('simulator', 'detector')
     for name in ('servo_time_constant:=0.03', 'servo_rate:=6.0')]
+FIRST = 1000  # the first seed
 ANGLES = -0.6, -0.3, 0.3, 0.6  # where servos stick [rad]
 BEGIN, APART = 3.0, 1.0  # when a failure happens, and how much later a second one [s]
 NAMED, END = 2.0, 7.0  # in which the last failure is to be named; how long a flight is [s]
@@ -82,34 +84,40 @@ def flown(case: Case, words: dict[int, str], seed: int) -> tuple[bool, bool, flo
     return right, wrong, after, goes_on
 
 
+def row(task: tuple[str, str], seeds: int = 1, every: int = 1) -> list[str]:
+    """Fly failures of a kind with a vehicle; return the row of the table.
+
+    `seeds`: flights of each failure.  `every`: only each so many of the failures is flown.
+    """
+    kind, vehicle = task
+    values = flat(Case.load(SHOWN).flown)
+    given = [f'{name}:={np.asarray(values[name]).tolist()}' for name in TAKEN]
+    case = Case.load(vehicle, [*given, *(SERVOS if vehicle in TILTING else [])])
+    right, wrong, after, goes_on = np.array([
+        flown(case, words, seed) for words in [*failures(case, kind)][::every]
+        for seed in range(FIRST, FIRST + seeds)]).T
+    times = 1e3 * after[right == 1.0]
+    return [
+        f'`{vehicle}`', kind, share(len(times), len(right)), f'{wrong.sum():.0f}',
+        f'{np.median(times):.0f}, {times.max():.0f}' if len(times) else '',
+        f'{goes_on.sum():.0f}/{len(goes_on)}']
+
+
+def run(mapped: Callable[..., Iterable[list[str]]], seeds: int = 1, every: int = 1) -> str:
+    """Fly all failures; return the table.  `mapped`: `map`, or that of a pool; see `row`."""
+    tasks = [(kind, vehicle) for kind, vehicles in KINDS.items() for vehicle in vehicles]
+    head = ['vehicle', 'failure', 'named right [%]', 'wrong', 'median, worst [ms]', 'fly on']
+    return table(head, mapped(partial(row, seeds=seeds, every=every), tasks))
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Fly and print a table; return the exit code."""
     parser = argparse.ArgumentParser(
         prog='python -m benchmarks.detection.own_plant', description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--seeds', type=int, default=1, help='flights of each failure')
-    options = parser.parse_args(argv)
-    values = flat(Case.load(SHOWN).flown)
-    given = [f'{name}:={_yaml(values[name])}' for name in TAKEN]
-    print('| vehicle | failure | named right [%] | wrong | median, worst [ms] | fly on |')
-    print('| --- | --- | --- | --- | --- | --- |')
-    for kind, vehicles in KINDS.items():
-        for vehicle in vehicles:
-            case = Case.load(vehicle, [*given, *(SERVOS if vehicle in TILTING else [])])
-            right, wrong, after, goes_on = np.array([
-                flown(case, words, seed) for words in failures(case, kind)
-                for seed in range(1000, 1000 + options.seeds)]).T
-            times = 1e3 * after[right == 1.0]
-            shown_times = f'{np.median(times):.0f}, {times.max():.0f}' if len(times) else ''
-            cells = [
-                f'`{vehicle}`', kind, share(len(times), len(right)), f'{wrong.sum():.0f}',
-                shown_times, f'{goes_on.sum():.0f}/{len(goes_on)}']
-            print(f'| {" | ".join(cells)} |', flush=True)
+    print(run(map, parser.parse_args(argv).seeds))
     return 0
-
-
-def _yaml(value: object) -> str:
-    return str(np.asarray(value).tolist())
 
 
 if __name__ == '__main__':

@@ -7,7 +7,7 @@ others are replayed.  Sets and files that are missing are left out.
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -186,6 +186,25 @@ def on_propellers(flights: dict[str, list[Replayed]]) -> str:
          'none', 'mean probability of each rotor in the air, of a disturbance'], lines)
 
 
+def run(
+    pool: ProcessPoolExecutor, folder: Path, out: Path, sets: Sequence[str] = tuple(SETS),
+    losses: bool = True,
+) -> dict[str, dict[str, list[Replayed]]]:
+    """Identify and replay sets; return their flights by set and row of the table.
+
+    `folder` has the clones.  `losses`: rotors are also taken from the recorded motion.
+    """
+    return {name: flown(name, folder, out, pool, losses) for name in sets}
+
+
+def tables_of(found: dict[str, dict[str, list[Replayed]]]) -> Iterator[str]:
+    """Yield the table of sound vehicles, and those of propellers to which something was done."""
+    yield in_the_air(found)
+    for flights in found.values():
+        if set(flights) - set(SOUND):
+            yield on_propellers(flights)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Identify, replay and print; return the exit code."""
     parser = argparse.ArgumentParser(
@@ -200,15 +219,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--out', type=Path, default=Path('out/real_flights'), metavar='DIR')
     options = parser.parse_args(argv)
     with ProcessPoolExecutor(options.jobs) as pool:
-        found = {
-            name: flown(name, options.folder, options.out, pool, not options.no_losses)
-            for name in options.sets}
+        found = run(pool, options.folder, options.out, options.sets, not options.no_losses)
     if not any(found.values()):
         return 1
-    text = in_the_air(found)
-    for flights in found.values():
-        if set(flights) - set(SOUND):
-            text += '\n' + on_propellers(flights)
+    text = '\n'.join(tables_of(found))
     (options.out / 'real_flights.md').write_text(text, encoding='utf-8')
     print(text)
     return 0

@@ -1,12 +1,11 @@
 """Flights in rotorpy 3.0.0: its rigid body, rotors, drag and SE3 controller, our noise.
 
-``python -m benchmarks.detection.rotorpy_flights --minutes 120 --losses 100``, in an environment
-with rotorpy.  It runs at some ten times real time.
+It runs at some ten times real time.
 """
 
-import argparse
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from benchmarks.detection import tables
 from benchmarks.detection.conditions import NOISE
 from benchmarks.detection.flights import (
     NAMED,
-    PUBLISHED,
     VEHICLES,
     Count,
     Outcome,
@@ -95,47 +93,42 @@ def fly(setup: Setup, seed: int, duration: float, rotor: int | None = None) -> R
     return rows
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Fly and print the tables; return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog='python -m benchmarks.detection.rotorpy_flights', description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
-    add = parser.add_argument
-    add('--minutes', type=int, default=5, help='without a failure, of all vehicles')
-    add('--losses', type=int, default=10, help='of all vehicles')
-    add('--vehicles', nargs='+', default=VEHICLES, choices=VEHICLES)
-    add('--publish', action='store_true', help=f'fly with seeds from {PUBLISHED} on')
-    add('--out', type=Path, default=Path('out/detection'), metavar='DIR')
-    options = parser.parse_args(argv)
-    try:
-        import_module('adapter')
-    except RuntimeError as error:  # of another version, or none
-        parser.error(str(error))
+def check() -> None:
+    """Raise a RuntimeError if rotorpy is missing, or has another version."""
+    import_module('adapter')
+
+
+def setup_of(seed: int) -> Setup:
+    """Return the set-up of a seed: the vehicles take turns."""
     told = {'motor_time_constant': LAG, 'delay': DELAY}
-    setups = [Setup.load(name, settings=told) for name in options.vehicles]
-    first = PUBLISHED if options.publish else 0
-    counts: dict[str, dict[str, Count]] = {setup.name: {} for setup in setups}
-    found: dict[tuple[str, ...], list[Outcome]] = {}
-    for seed in range(first, first + options.minutes):
-        setup = setups[seed % len(setups)]
-        rows = fly(setup, seed, MINUTE)
-        count = counts[setup.name].setdefault('rotorpy', Count())
-        count.overturned += len(rows) < round(MINUTE / PERIOD)
-        count.add(rows, list(namings(setup.detector(), rows, setup.vehicle.n)))
-    for seed in range(first, first + options.losses):
-        setup = setups[seed % len(setups)]
-        rotor = seed // len(setups) % setup.vehicle.n
-        rows = fly(setup, seed, LOST[1] + NAMED + 2.0, rotor)
-        outcome = outcome_of(setup, rows, rotor)
+    return Setup.load(VEHICLES[seed % len(VEHICLES)], settings=told)
+
+
+def healthy(seed: int) -> Count:
+    """Fly for a minute without a failure; return what was counted."""
+    setup, count = setup_of(seed), Count()
+    rows = fly(setup, seed, MINUTE)
+    count.overturned += len(rows) < round(MINUTE / PERIOD)
+    count.add(rows, list(namings(setup.detector(), rows, setup.vehicle.n)))
+    return count
+
+
+def failing(seed: int) -> Outcome | None:
+    """Let a rotor fail; return what the detector named, or None if it did not fail."""
+    setup = setup_of(seed)
+    rotor = seed // len(VEHICLES) % setup.vehicle.n
+    return outcome_of(setup, fly(setup, seed, LOST[1] + NAMED + 2.0, rotor), rotor)
+
+
+def run(pool: ProcessPoolExecutor, minutes: int, losses: int, first: int) -> str:
+    """Fly minutes without a failure, and losses, on seeds from the first on; return the tables."""
+    counts = {name: {'rotorpy': Count()} for name in VEHICLES}
+    found: dict[tuple[str, ...], list[Outcome]] = {(name, 'total'): [] for name in VEHICLES}
+    seeds = range(first, first + minutes)
+    for seed, count in zip(seeds, pool.map(healthy, seeds), strict=True):
+        counts[setup_of(seed).name]['rotorpy'] += count
+    seeds = range(first, first + losses)
+    for seed, outcome in zip(seeds, pool.map(failing, seeds), strict=True):
         if outcome is not None:
-            found.setdefault((setup.name, 'total'), []).append(outcome)
-    text = tables.alarms({name: each for name, each in counts.items() if each})
-    text += '\n' + tables.names(found, ('vehicle', 'failure'))
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / 'rotorpy.md').write_text(text, encoding='utf-8')
-    print(text)
-    return 0
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())
+            found[setup_of(seed).name, 'total'].append(outcome)
+    return tables.alarms(counts) + '\n' + tables.names(found, ('vehicle', 'failure'))

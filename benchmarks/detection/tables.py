@@ -41,15 +41,16 @@ def alarms(found: Mapping[str, Mapping[str, Count]]) -> str:
     """Return the table of false alarms an hour, a vehicle a row."""
     names = list(dict.fromkeys(name for counts in found.values() for name in counts))
     pool = set(POOLED) <= set(names)
-    head = ['vehicle', *names, *(['pooled'] if pool else []), 'hours', 'turned over']
+    head = ['vehicle', *names, *(['pooled'] if pool else []), 'alarms', 'hours', 'turned over']
     rows = []
     for vehicle, counts in found.items():
         cells = [rate(counts[name].alarms, counts[name].hours) for name in names]
         if pool:
             total = _pooled(counts)
             cells.append(rate(total.alarms, total.hours))
-        hours = ', '.join(f'{counts[name].hours:.2f}' for name in names)
-        cells += [hours, str(sum(count.overturned for count in counts.values()))]
+        cells.append(', '.join(str(counts[name].alarms) for name in names))
+        cells.append(', '.join(f'{counts[name].hours:.2f}' for name in names))
+        cells.append(str(sum(count.overturned for count in counts.values())))
         rows.append([f'`{vehicle}`', *cells])
     return table(head, rows)
 

@@ -1,0 +1,99 @@
+"""The tables of the detector: docs/scripts/detection.py fills those of both pages."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'docs' / 'scripts'))
+import detection
+import pages
+
+
+def marks(text):
+    """Return the marks of a page's parts."""
+    return [*re.findall(r'<!-- ([\w ]+) -->\n', text)]
+
+
+def layout(text, mark):
+    """Return titles, and the first cell of each row, of the tables of a marked part."""
+    return [([*rows[0]], [next(iter(row.values())) for row in rows])
+            for rows in detection.read(text, mark)]
+
+
+@pytest.fixture(scope='module')
+def results():
+    return detection.RESULTS.read_text(encoding='utf-8')
+
+
+@pytest.fixture
+def trial(tmp_path, monkeypatch):
+    """Return the copy of results.md that a trial writes; the pages are not written."""
+    before = [path.read_bytes() for path in (detection.RESULTS, detection.PAGE)]
+    monkeypatch.setattr(detection, 'OUT', tmp_path)
+
+    def run(*only):
+        detection.main(['--hours', '0.01', '--jobs', '1', '--only', *only])
+        return (tmp_path / 'results.md').read_text(encoding='utf-8')
+
+    yield run
+    assert before == [path.read_bytes() for path in (detection.RESULTS, detection.PAGE)]
+
+
+def test_the_marks_of_both_pages_are_those_of_the_script(results):
+    names = {*detection.PARTS, *detection.OTHERS, 'propellers'}
+    assert sorted(marks(results)) == sorted(
+        end + name.replace('_', ' ') for name in names for end in ('', 'end of '))
+    page = detection.PAGE.read_text(encoding='utf-8')
+    found = [mark for mark in marks(page) if not mark.startswith(('end of ', 'needs', 'long'))]
+    assert found == [name.replace('_', ' ') for name in detection.page_tables(results)]
+
+
+def test_the_page_has_what_the_results_say(results):
+    page = detection.PAGE.read_text(encoding='utf-8')
+    text = page
+    for name, content in detection.page_tables(results).items():
+        text = pages.filled(text, name.replace('_', ' '), content)
+    assert text == page
+
+
+def test_other_results_make_another_page(results):
+    before = detection.page_tables(results)
+    after = detection.page_tables(results.replace('| 400/402: ', '| 395/402: ', 1))
+    assert [name for name in before if before[name] != after[name]] == []
+    after = detection.page_tables(results.replace('| 397/402: ', '| 396/402: ', 1))
+    assert [name for name in before if before[name] != after[name]] == ['losses']
+    assert '| 396/402 | 3 |' in after['losses']
+
+
+@pytest.mark.parametrize('name', [
+    'total', *(pytest.param(name, marks=pytest.mark.slow) for name in ('pushes', 'left')),
+    *(pytest.param(name, marks=pytest.mark.long) for name in (
+        'pooled', 'landings', 'kinds', 'mujoco', 'imu', 'stopped', 'told', 'acting', 'afterwards',
+        'own_plant'))])
+def test_a_small_trial_has_the_same_tables(name, results, trial, capsys):
+    if name == 'mujoco':
+        pytest.importorskip('mujoco')
+    mark = name.replace('_', ' ')
+    found = trial(name)
+    assert layout(found, mark) == layout(results, mark)
+    assert detection.read(found, mark) != detection.read(results, mark)
+    assert '--publish' not in found.split(f'<!-- {mark} -->')[1].split('\n|')[0]
+    others = [each for each in marks(results) if each != mark and not each.startswith('end of ')]
+    assert all(detection.read(found, each) == detection.read(results, each) for each in others)
+    assert capsys.readouterr().err == ''
+
+
+def test_what_cannot_be_flown_stays_and_is_said(results, trial, capsys):
+    assert trial('real_flights') == results
+    assert capsys.readouterr().err == 'real_flights: left as it is: needs --flights\n'
+
+
+@pytest.mark.parametrize(('share', 'command'), [
+    (0.01, '--hours 0.034 --losses 4 --kinds x --mujoco 0.0333'), (2, '--hours 6.8 --losses 800 '
+     '--kinds x --mujoco 2.6')])
+def test_hours_and_failures_are_scaled_together(share, command):
+    given = '--publish --hours 3.4 --losses 400 --kinds x --mujoco 1.3'
+    assert detection.scaled(given, share, share < 1) == '--publish ' * (share > 1) + command
+    assert detection.scaled('--hours 0 --losses 0', share, False) == '--hours 0 --losses 0'
