@@ -9,6 +9,8 @@ from scipy.optimize import linprog
 
 from ca_ros import Vehicle, acted_on
 from ca_ros.control.waypoint import Waypoint
+from ca_ros.detection.failure_detector import FailureDetector
+from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.firmware.faults import arms_of
 from ca_ros.simulation.closed_loop import Detection, fly
 from ca_ros.studies.cases import Case
@@ -20,11 +22,11 @@ VEHICLES = (
 
 def named(vehicle, *names, arms=()):
     """Return a detector that has named failures one after the other: each is health by rotor."""
-    health, since = vehicle.health.copy(), [None] * vehicle.n
-    for time, name in enumerate(names):
+    health, order = vehicle.health.copy(), [0] * vehicle.n
+    for each, name in enumerate(names, 1):
         for rotor, left in name.items():
-            health[rotor - 1], since[rotor - 1] = left, time
-    return SimpleNamespace(vehicle=vehicle, health=health, failed_arms=arms, since=since)
+            health[rotor - 1], order[rotor - 1] = left, each
+    return SimpleNamespace(vehicle=vehicle, health=health, failed_arms=arms, order=order)
 
 
 def hovers_level(vehicle, health):
@@ -73,6 +75,22 @@ def test_a_later_loss_with_which_nothing_holds_takes_nothing_back():
     assert (withheld, health.tolist()) == ((2,), [0.0, 1.0, 1.0, 1.0, 0.0, 1.0])
 
 
+@pytest.mark.parametrize('make', [FailureDetector, make_detector])
+def test_names_count_in_their_order_after_a_clock_that_steps_back(make):
+    detector, still = make(Vehicle.load('hexarotor'), motor_time_constant=0.05), np.zeros(3)
+    for start, slow in (100, [1]), (10, [0, 1]):
+        for time in range(start * 10**9, (start + 1) * 10**9, 10_000_000):
+            detector.observe(time, [0.0, 0.0, 0.0, 1.0], still, still)
+            detector.command(time, np.full(6, 200.0))
+            turning = np.full(6, 200.0)
+            turning[slow] = 0.0
+            detector.measure(time, turning)
+        assert np.flatnonzero(detector.health == 0.0).tolist() == slow
+    assert acted_on(detector).withheld == (1,)
+    detector.reset()
+    assert detector.order == [0] * 6
+
+
 @pytest.mark.parametrize('name', ['x8', 'y6'])
 def test_an_arm_is_acted_on_as_one_effector_and_a_whole_arm_that_is_lost_is_not(name):
     vehicle = Vehicle.load(name)
@@ -104,12 +122,12 @@ class Alarm:
 
     def __init__(self, vehicle):
         self.vehicle, self.failed_arms = vehicle, ()
-        self.health, self.since = vehicle.health, [None] * vehicle.n
+        self.health, self.order = vehicle.health, [0] * vehicle.n
 
     def observe(self, time, *_):
         if time != 10**9:
             return False
-        self.health, self.since = self.vehicle.fail(1).health, [time, *self.since[1:]]
+        self.health, self.order = self.vehicle.fail(1).health, [1, *self.order[1:]]
         return True
 
     def command(self, time, command):

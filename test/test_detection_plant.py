@@ -239,9 +239,9 @@ class Fake:
         self.health = np.ones(vehicle.n)
 
     @property
-    def since(self):
-        """The state in which the rotor was named."""
-        return [self.count if share < 1.0 else None for share in self.health]
+    def order(self):
+        """The only name is the first."""
+        return [int(share < 1.0) for share in self.health]
 
     def observe(self, *_):
         """Name the rotor in its states."""

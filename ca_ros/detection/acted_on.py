@@ -29,13 +29,13 @@ def acted_on(detector: Detector) -> ActedOn:
     name is wrong.  Each name counts with those before it that are acted on; rotors that were named
     in the same test count together.
     """
-    vehicle, found, since = detector.vehicle, detector.health, detector.since
+    vehicle, found, order = detector.vehicle, detector.health, detector.order
     health, withheld = vehicle.health.copy(), list[int]()
     arms: Arms = ()
-    named = sorted({time for time in since if time is not None})
-    level = not named or audit(vehicle).keeps_level
-    for time in named:
-        rotors = [i for i, when in enumerate(since) if when == time]
+    names = sorted({*order} - {0})
+    level = not names or audit(vehicle).keeps_level
+    for name in names:
+        rotors = [i for i, each in enumerate(order) if each == name]
         less = health.copy()
         less[rotors] = found[rotors]
         pairs = (*arms, *(pair for pair in detector.failed_arms if pair[0] - 1 in rotors))

@@ -58,7 +58,8 @@ class BeliefChanges:
             self._give_back_between(found)
         arms = [rotor for arm in found.arms for rotor in arm]
         for rotor in set(found.named) - set(arms):
-            self._give_back_partner(time, rotor, found)
+            self._give_back_partner(rotor, found)
+        order = beliefs.next_name
         for rotor, share in zip(found.named, found.lost.tolist(), strict=True):
             half = rotor in arms and rotor not in beliefs.held
             whole = beliefs.health[rotor] * (0.5 if half else 1.0)
@@ -67,9 +68,9 @@ class BeliefChanges:
             certainty = beliefs.found[rotor] or probabilities[rotor]
             beliefs.found[rotor] = 0.5 if rotor in arms else max(certainty, CERTAIN)
             if found.angle is None:
-                self.fail(rotor, share, time, 'motion')
+                self.fail(rotor, share, time, order, 'motion')
             else:
-                self._stick(rotor, found.angle, time, planar)
+                self._stick(rotor, found.angle, time, order, planar)
         for arm in found.arms:
             beliefs.name_arm(*arm)
         beliefs.close_arms()
@@ -82,7 +83,7 @@ class BeliefChanges:
             if beliefs.evidence[rotor] == 'motion':
                 self._give_back(rotor)
 
-    def _give_back_partner(self, time: int, rotor: int, found: Finding) -> None:
+    def _give_back_partner(self, rotor: int, found: Finding) -> None:
         """Give back the partner of a coaxial rotor: it may just have been named for this one.
 
         If both have failed, the motion names it again, and the arm gives nothing meanwhile, too.
@@ -90,8 +91,7 @@ class BeliefChanges:
         beliefs, partner = self.beliefs, self._hypotheses.partners[rotor]
         if partner is None or partner in {*found.named, *beliefs.held}:
             return
-        lately = time - (beliefs.since[partner] or 0) < TOLD
-        if lately and beliefs.evidence[partner] == 'motion':
+        if partner in beliefs.failed(TOLD) and beliefs.evidence[partner] == 'motion':
             self._give_back(partner)
 
     def _give_back(self, rotor: int) -> None:
@@ -101,9 +101,9 @@ class BeliefChanges:
         self._suspicion.drop(rotor)
         self._reduce(rotor, -lost)
 
-    def fail(self, rotor: int, share: float, time: int, evidence: str) -> None:
+    def fail(self, rotor: int, share: float, time: int, order: int, evidence: str) -> None:
         """Take a share of a rotor's health, which failed by some evidence."""
-        self.beliefs.find(rotor, time, evidence)
+        self.beliefs.find(rotor, time, order, evidence)
         self.beliefs.refined[rotor] = 0.0
         self._reduce(rotor, share)
 
@@ -114,9 +114,11 @@ class BeliefChanges:
         signature = given + self._hypotheses.drags(given, self.windows.laterals)
         self.windows.explain(less * signature[:, :, rotor])
 
-    def _stick(self, rotor: int, angle: float, time: int, planar: Sequence[int]) -> None:
+    def _stick(
+        self, rotor: int, angle: float, time: int, order: int, planar: Sequence[int]
+    ) -> None:
         """Let a rotor's servo stick."""
-        self.beliefs.find(rotor, time, f'servo sticks at {angle:.2f} rad')
+        self.beliefs.find(rotor, time, order, f'servo sticks at {angle:.2f} rad')
         # What it gives until it stops is known.
         n = self.beliefs.vehicle.n
         for column, share in (
@@ -127,10 +129,10 @@ class BeliefChanges:
             self.windows.explain(lost * self.windows.blocks[:, :, column])
         self.beliefs.stick(rotor, angle)
 
-    def tell_arms(self, time: int, impulses: Array, variance: Array) -> bool:
+    def tell_arms(self, impulses: Array, variance: Array) -> bool:
         """Tell which rotors of new arms have failed, where it shows; return whether it does."""
         windows, arms, told = self.windows, self.beliefs.arms, []
-        new = self.beliefs.new_arms(time)
+        new = self.beliefs.new_arms
         if not new:
             return False
         evidences = self._hypotheses.of_arms(

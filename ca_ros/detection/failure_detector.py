@@ -135,6 +135,11 @@ class FailureDetector:
         return self._beliefs.since
 
     @property
+    def order(self) -> list[int]:
+        """The how many-th name that of each rotor is, the same in one test; 0: it has none."""
+        return self._beliefs.order
+
+    @property
     def evidence(self) -> list[str]:
         """What each failure was found by: 'motion' or 'rotor speed', or where its servo sticks."""
         return self._beliefs.evidence
@@ -262,11 +267,13 @@ class FailureDetector:
         if failed or found is None:
             # When they failed is not known: the motion before shows nothing more.
             self._motion.changes.forget()
+        order = beliefs.next_name
         for rotor, share in failed:
             for pair in [pair for pair in beliefs.arms if rotor in pair]:
                 self._motion.changes.tell_arm(rotor, sum(pair) - rotor)
             beliefs.found[rotor] = 1.0
-            self._motion.changes.fail(rotor, share * beliefs.health[rotor], time, 'rotor speed')
+            self._motion.changes.fail(
+                rotor, share * beliefs.health[rotor], time, order, 'rotor speed')
         return bool(failed)
 
     def observe(

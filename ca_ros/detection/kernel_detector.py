@@ -59,7 +59,7 @@ class KernelDetector:
     @property
     def failed_arms(self) -> tuple[tuple[int, int], ...]:
         """The named arms: rotors, from 1, of which one has failed, and which one is unknown."""
-        partners = [partner for _, _, partner in self._kernel.failures()]
+        partners = [partner for *_, partner in self._kernel.failures()]
         return tuple((i + 1, j + 1) for i, j in enumerate(partners) if j > i)
 
     @property
@@ -72,12 +72,17 @@ class KernelDetector:
     @property
     def since(self) -> list[int | None]:
         """When each rotor was found to have failed [ns]."""
-        return [time if evidence else None for time, evidence, _ in self._kernel.failures()]
+        return [time if order else None for time, order, *_ in self._kernel.failures()]
+
+    @property
+    def order(self) -> list[int]:
+        """The how many-th name that of each rotor is, the same in one test; 0: it has none."""
+        return [order for _, order, *_ in self._kernel.failures()]
 
     @property
     def evidence(self) -> list[str]:
         """What each failure was found by."""
-        return [EVIDENCE[evidence] for _, evidence, _ in self._kernel.failures()]
+        return [EVIDENCE[evidence] for *_, evidence, _ in self._kernel.failures()]
 
     @property
     def suspect(self) -> int | None:

@@ -191,7 +191,7 @@ class MotionTest:
         beliefs.age(block)
         seen = 0.5 * max((windows.lacked**2 / spread).dot(ALL).tolist())
         # While an arm may be told, what it lacks is not learnt.
-        settled = not failed and not beliefs.new_arms(time)
+        settled = not failed and not beliefs.new_arms
         quiet = settled and seen <= SUSPICION
         if quiet or self._blind:
             # No evidence exceeds what is seen.
@@ -213,7 +213,7 @@ class MotionTest:
             return False
         suspected = found.greatest > SUSPICION or not settled
         changed = self.changes.refine(found, failed)
-        changed = self.changes.tell_arms(time, impulses, variance) or changed
+        changed = self.changes.tell_arms(impulses, variance) or changed
         suspicion.go_on(found, block, suspected)
         self._learn(spread, moving, given)
         if suspicion.confirms(found) or found.lasting:

@@ -13,8 +13,8 @@ IN_A_ROW = 3  # tests, or measured speeds, one after the other, that change what
 CERTAIN = 0.995  # least probability of a failure that was named
 REFINED = 0.5  # time after a failure in which its health is estimated further [s]
 
-TOLD = 1_000_000_000
-"""Time after its name in which it may show which rotor of an arm has failed [ns].  Later, what
+TOLD = 0.995
+"""Time after its name in which it may show which rotor of an arm has failed [s].  Later, what
 this rotor lacks has been learnt as a mean disturbance, and points to the other one."""
 
 
@@ -36,6 +36,7 @@ class RotorBeliefs:
     - `delivered` (n,): share of its thrust that each rotor gives
     - `found` (n,): probability of each failure that was found, 0 for the others
     - `since`: when it was found [ns], or None
+    - `order`: the how many-th name it is, the same in one test; 0: none
     - `evidence`: what it was found by
     - `angles`: by rotor, from 0, where its servo was found to stick [rad]
     - `arms`: the named arms, and for each how many tests in a row tell the same rotor of it:
@@ -54,7 +55,7 @@ class RotorBeliefs:
         self.angles: dict[int, float] = {}
         self.found: Array = np.zeros(n)
         self.since: list[int | None] = [None] * n
-        self.evidence = [''] * n
+        self.order, self.evidence = [0] * n, [''] * n
         self.refined: dict[int, float] = {}
         self.arms: dict[tuple[int, int], int] = {}
 
@@ -75,9 +76,14 @@ class RotorBeliefs:
         self.delivered = np.where(unfound, vehicle.health, np.minimum(before, vehicle.health))
         return not np.array_equal(self.delivered, before)
 
-    def find(self, rotor: int, time: int, evidence: str) -> None:
-        """Take note of a failure that was found at a time [ns]."""
-        self.since[rotor], self.evidence[rotor] = time, evidence
+    @property
+    def next_name(self) -> int:
+        """The order of the next name."""
+        return max(self.order) + 1
+
+    def find(self, rotor: int, time: int, order: int, evidence: str) -> None:
+        """Take note of a failure that was found at a time [ns]; see `next_name`."""
+        self.since[rotor], self.order[rotor], self.evidence[rotor] = time, order, evidence
 
     def reduce(self, rotor: int, share: float) -> float:
         """Take a share of a rotor's health; return by how much it gets less."""
@@ -94,9 +100,10 @@ class RotorBeliefs:
         """Let one of two rotors have failed, and which one be unknown."""
         self.arms[first, second] = 0
 
-    def new_arms(self, time: int) -> list[tuple[int, int]]:
-        """Return the named arms of which it may show at a time [ns] which rotor has failed."""
-        return [pair for pair in self.arms if time - (self.since[pair[0]] or 0) < TOLD]
+    @property
+    def new_arms(self) -> list[tuple[int, int]]:
+        """The named arms of which it may show which rotor has failed."""
+        return [pair for pair in self.arms if self.refined[pair[0]] < TOLD]
 
     def lost_by_arms(self) -> Array:
         """Return what both rotors of each named arm are taken to have lost (m,)."""
@@ -115,7 +122,8 @@ class RotorBeliefs:
 
     def give_back(self, rotor: int) -> None:
         """Let a rotor that was found to have failed be sound."""
-        self.found[rotor], self.since[rotor], self.evidence[rotor] = 0.0, None, ''
+        self.found[rotor], self.since[rotor] = 0.0, None
+        self.order[rotor], self.evidence[rotor] = 0, ''
         self.refined.pop(rotor, None)
 
     def stick(self, rotor: int, angle: float) -> None:

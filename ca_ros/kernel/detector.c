@@ -13,7 +13,7 @@
 #define REFINED CA_REAL(0.5)
 #define USELESS CA_REAL(0.2)
 #define TOTAL CA_REAL(0.8)
-#define TOLD 1000000000
+#define TOLD CA_REAL(0.995)
 #define CERTAIN CA_REAL(0.995)
 #define SUSPICION CA_REAL(6.0)
 #define PATIENCE CA_REAL(1.0)
@@ -790,7 +790,7 @@ static void clear_suspicion(ca_detector *detector)
     detector->suspect = -1;
     detector->probabilities[ROTORS(detector->model)] = 0;
     for (int i = 0; i < ROTORS(detector->model); i++)
-        if (detector->sound[i])
+        if (!detector->order[i])
             detector->probabilities[i] = 0;
 }
 
@@ -840,11 +840,21 @@ static void reduce(ca_detector *detector, int rotor, ca_real share)
     detector->health[rotor] = left;
 }
 
-static void fail(ca_detector *detector, int rotor, ca_real share, int64_t time, int evidence)
+/* The order of the next name. */
+static int next_name(const ca_detector *detector)
+{
+    int last = 0;
+    for (int i = 0; i < ROTORS(detector->model); i++)
+        last = most(last, detector->order[i]);
+    return last + 1;
+}
+
+static void fail(ca_detector *detector, int rotor, ca_real share, int64_t time, int order,
+                 int evidence)
 {
     detector->since[rotor] = time;
+    detector->order[rotor] = order;
     detector->evidence[rotor] = evidence;
-    detector->sound[rotor] = 0;
     detector->refined[rotor] = 0;
     reduce(detector, rotor, share);
 }
@@ -878,9 +888,9 @@ static int refine(ca_detector *detector, const finding *found, const int *young)
 static void give_back(ca_detector *detector, int rotor)
 {
     reduce(detector, rotor, detector->health[rotor] - detector->announced[rotor]);
-    detector->sound[rotor] = 1;
     detector->refined[rotor] = CA_UNBOUNDED;
     detector->since[rotor] = 0;
+    detector->order[rotor] = 0;
     detector->evidence[rotor] = CA_NONE;
     detector->probabilities[rotor] = 0;
 }
@@ -899,7 +909,7 @@ static void give_back_between(ca_detector *detector, const finding *found)
 
 /* Give back the partners of the rotors that are named: they may just have been named for these.
  * If both have failed, the motion names them again. */
-static void give_back_partners(ca_detector *detector, const finding *found, int64_t time)
+static void give_back_partners(ca_detector *detector, const finding *found)
 {
     for (int k = 0; k < found->names; k++) {
         const int partner = partner_of(detector->model, found->named[k]);
@@ -908,8 +918,7 @@ static void give_back_partners(ca_detector *detector, const finding *found, int6
         int named = 0;
         for (int i = 0; i < found->names; i++)
             named |= found->named[i] == partner;
-        if (!named && detector->evidence[partner] == CA_MOTION &&
-            time - detector->since[partner] < TOLD)
+        if (!named && detector->evidence[partner] == CA_MOTION && detector->refined[partner] < TOLD)
             give_back(detector, partner);
     }
 }
@@ -925,7 +934,7 @@ static void tell(ca_detector *detector, int failed, int sound)
 }
 
 /* Tell which rotor of a new arm has failed, where it shows; return whether the health changes. */
-static int tell_arms(ca_detector *detector, int64_t time, const ca_block *windows,
+static int tell_arms(ca_detector *detector, const ca_block *windows,
                      const ca_real variance[CA_WINDOWS][6])
 {
     int changed = 0;
@@ -935,7 +944,7 @@ static int tell_arms(ca_detector *detector, int64_t time, const ca_block *window
     for (int i = 0; i < ROTORS(detector->model); i++) {
         const int partner = partner_of(detector->model, i), count = detector->upper[i];
         const int upper = evidence[i] > TELLING, lower = evidence[i] < -TELLING;
-        if (!detector->arm[i] || partner < i || time - detector->since[i] >= TOLD)
+        if (!detector->arm[i] || partner < i || !(detector->refined[i] < TOLD))
             continue;
         detector->upper[i] = upper ? most(count, 0) + 1 : lower ? -most(-count, 0) - 1 : 0;
         if (detector->upper[i] < IN_A_ROW && -detector->upper[i] < IN_A_ROW)
@@ -1083,7 +1092,7 @@ static void set_probabilities(ca_detector *detector, const finding *found, ca_re
         total += 1 - settled(score - found->evidence[i]);
     detector->probabilities[n] = disturbance / total;
     for (int i = 0; i < n; i++)
-        if (detector->sound[i])
+        if (!detector->order[i])
             detector->probabilities[i] = (1 - settled(score - found->evidence[i])) / total;
 }
 
@@ -1139,7 +1148,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         detector->refined[i] += block;
         arms |= detector->arm[i];
         /* While an arm may be told, what it lacks is not learnt. */
-        refining |= young[i] || (detector->arm[i] && time - detector->since[i] < TOLD);
+        refining |= young[i] || (detector->arm[i] && detector->refined[i] < TOLD);
     }
     for (int t = 0; t < CA_WINDOWS; t++) {
         ca_real sum = 0;
@@ -1182,7 +1191,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         return 0;
     }
     int changed = refine(detector, &found, young);
-    changed |= arms && tell_arms(detector, time, windows, (const ca_real(*)[6])known);
+    changed |= arms && tell_arms(detector, windows, (const ca_real(*)[6])known);
     detector->waited = score > SUSPICION || refining ? detector->waited + block : 0;
     detector->suspect = found.evidence[found.rotor] > LIMIT ? found.rotor : -1;
     learn(detector, block, spread, windows, thrusts, moving);
@@ -1192,10 +1201,11 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     forget(detector, detector->windows[found.window]);
     if (found.pair)
         give_back_between(detector, &found);
-    give_back_partners(detector, &found, time);
+    give_back_partners(detector, &found);
     /* The window may have begun a block before the failure. */
     const ca_real age = windows[found.window].length;
     const ca_real longer = age / ca_max(age - block, block);
+    const int order = next_name(detector);
     for (int k = 0; k < found.names; k++) {
         const int rotor = found.named[k];
         ca_real share = found.lost[k];
@@ -1206,7 +1216,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
             share = whole;
         const ca_real likely = ca_max(detector->probabilities[rotor], CERTAIN);
         detector->probabilities[rotor] = found.open[k] ? CA_REAL(0.5) : likely;
-        fail(detector, rotor, share, time, CA_MOTION);
+        fail(detector, rotor, share, time, order, CA_MOTION);
         if (found.open[k]) {
             detector->arm[rotor] = 1;
             detector->upper[rotor] = 0;
@@ -1223,10 +1233,10 @@ void ca_detector_reset(ca_detector *detector)
         detector->health[i] = detector->announced[i];
         detector->probabilities[i] = 0;
         detector->since[i] = 0;
+        detector->order[i] = 0;
         detector->evidence[i] = CA_NONE;
         detector->measured[i] = CA_UNBOUNDED;
         detector->slow[i] = 0;
-        detector->sound[i] = 1;
         detector->refined[i] = CA_UNBOUNDED;
         detector->arm[i] = 0;
     }
@@ -1297,6 +1307,7 @@ int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *spee
     const ca_real allowed = ca_sqrt(1 - LEAST_LOSS);
     /* Motors without commands idle. */
     const int fresh = detector->has_command && time - detector->commanded < STALE;
+    const int order = next_name(detector);
     int changed = 0, slows = 0;
     if (!is_time(time) || !within(ROTORS(model), speeds, -CA_ABSURD, CA_ABSURD))
         return -1;
@@ -1309,7 +1320,7 @@ int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *spee
                          measured <= detector->measured[i] + CA_REAL(0.01) * expected;
         detector->measured[i] = measured;
         detector->slow[i] = slow ? detector->slow[i] + 1 : 0;
-        slows += slow && detector->sound[i];
+        slows += slow && !detector->order[i];
     }
     if (slows > MOST) {
         /* Commands do not arrive: the motion shows nothing either. */
@@ -1327,7 +1338,8 @@ int ca_detector_measure(ca_detector *detector, int64_t time, const ca_real *spee
         if (detector->arm[i])
             tell(detector, i, partner_of(model, i));
         detector->probabilities[i] = 1;
-        fail(detector, i, (1 - kept * kept) * detector->health[i], time, CA_ROTOR_SPEED);
+        fail(detector, i, (1 - kept * kept) * detector->health[i], time, order,
+             CA_ROTOR_SPEED);
         changed = 1;
     }
     return changed;

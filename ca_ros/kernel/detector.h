@@ -81,6 +81,7 @@ typedef struct {
     ca_real probabilities[CA_N + 1]; /* that each rotor has failed, and of a disturbance */
     int64_t since[CA_N];     /* when each failure was found [ns] */
     int evidence[CA_N];      /* what it was found by: an enum ca_evidence */
+    int order[CA_N];         /* the how many-th name it is, the same in one test; 0: none */
     int suspect;             /* the rotor that may be failing now, counted from 0, or -1 */
     int standing;            /* whether the vehicle stands: then nothing is detected */
 
@@ -113,7 +114,6 @@ typedef struct {
     ca_real leads[CA_N];     /* of each rotor over all else, gathered while it is suspected */
     int named[4], open[4], names, count, windows[CA_WINDOWS];
     int arm[CA_N], upper[CA_N]; /* 1 for both of a named arm; tests in a row for one of the two */
-    int sound[CA_N];
     ca_real thrusts[CA_N], peaks[CA_N]; /* the last ones, and the greatest of about a second */
     int newest;
     ca_block sums, blocks[CA_BLOCKS]; /* a ring */

@@ -211,8 +211,8 @@ static PyObject *failures(object *self, PyObject *unused)
     (void)unused;
     PyObject *list = PyList_New(rotors(self));
     for (int i = 0; list && i < rotors(self); i++) {
-        PyObject *item = Py_BuildValue("(Lii)", (long long)self->detector.since[i],
-                                       self->detector.evidence[i],
+        PyObject *item = Py_BuildValue("(Liii)", (long long)self->detector.since[i],
+                                       self->detector.order[i], self->detector.evidence[i],
                                        self->detector.arm[i] ? (int)self->model.partner[i] : -1);
         if (!item) {
             Py_CLEAR(list);
@@ -254,7 +254,7 @@ static PyMethodDef methods[] = {
     METHOD(probabilities, METH_O,
            "probabilities(array): write those of each failure and of a disturbance"),
     METHOD(status, METH_NOARGS, "status(): return the suspect or -1, whether it stands, and is tested"),
-    METHOD(failures, METH_NOARGS, "failures(): return (since, evidence, partner in a named arm or -1) of each rotor"),
+    METHOD(failures, METH_NOARGS, "failures(): return (since, order, evidence, partner in a named arm or -1) of each rotor"),
     {NULL, NULL, 0, NULL}};
 
 static PyTypeObject detector_type = {
