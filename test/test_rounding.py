@@ -175,7 +175,7 @@ SHARED = {
         'LEARNING': noise_estimator.LEARNING[0], 'LONG_LEARNING': noise_estimator.LEARNING[1],
         **{name: getattr(momentum_observer, name) for name in (
             'MOTION', 'AVERAGING', 'REST', 'KEEP')},
-        'BLOCK': windows.BLOCK},
+        'BLOCK': windows.BLOCK, 'HALF': windows.HALF},
     'detector.h': {'CA_BLOCKS': windows.LENGTH, 'CA_WINDOWS': len(windows.WINDOWS)},
     'exact.c': {'SPANNING_MIN': SPANNING_MIN},
     'numbers.h': {'CA_EXACT_TOLERANCE': EXACT_TOLERANCE, 'CA_ABSURD': ABSURD},
@@ -191,3 +191,14 @@ def test_the_engines_have_the_same_constants(file):
     found = {name: np.prod([float(factor) for factor in ''.join(values).split('*')])
              for name, *values in re.findall(rf'#define (\w+) {number}', text, re.MULTILINE)}
     assert {name: found[name] for name in SHARED[file]} == SHARED[file]
+
+
+def test_no_rounding_of_even_stamps_decides_where_a_window_ends():
+    # 7e-6: of the sums of 80 steps and 34 blocks, in single precision.
+    for rate in (12.5, 31.25, 62.5, *range(20, 1001), 1250, 1500, 1600, 2000, 2500, 4000, 8000):
+        step = round(1e9 / rate) / 1e9
+        steps = np.ceil(windows.BLOCK / step)
+        ends = [steps * step / windows.BLOCK, max(steps - 1.0, 1.0) * step / windows.BLOCK]
+        middles = (np.arange(1, windows.LENGTH) + windows.HALF) * steps * step
+        ratios = np.append(ends, middles[:, None] / windows.WINDOWS)
+        assert abs(ratios - 1.0).min() > 2e-5, rate

@@ -11,7 +11,7 @@ from ca_ros.vehicle.vehicle import Vehicle
 USELESS = 0.2  # a rotor with less health is lost
 IN_A_ROW = 3  # tests, or measured speeds, one after the other, that change what is believed
 CERTAIN = 0.995  # least probability of a failure that was named
-REFINED = 0.5  # time after a failure in which its health is estimated further [s]
+REFINED = 0.495  # time after a failure in which its health is estimated further [s]
 
 TOLD = 0.995
 """Time after its name in which it may show which rotor of an arm has failed [s].  Later, what

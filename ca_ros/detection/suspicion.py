@@ -9,7 +9,7 @@ from ca_ros.detection.losses import LIMIT
 
 CONFIRMATIONS = 3  # tests of a suspicion that name the same rotors, and no others
 
-SUSPICION, PATIENCE = 6.0, 1.0
+SUSPICION, PATIENCE = 6.0, 0.995
 """Evidence from which the noise is not learnt, and for how long at most [s]."""
 
 NOBODY = np.zeros(())

@@ -4,7 +4,12 @@ import numpy as np
 
 from ca_ros.arrays import Array
 
-BLOCK = 0.0095  # least length of a block [s]
+BLOCK = 0.00943  # least length of a block [s]
+HALF = 0.505
+"""Share of a block that may be missing at the end of a window.  Of stamps at an even rate, such as
+125 or 4000 Hz, rounding would decide with a half, and with a block of 0.0095 s; so times that are
+compared with sums of blocks are not round either."""
+
 LENGTH = 34  # blocks that are kept: of this length or longer they cover the longest window
 ROOM = 8 * LENGTH  # rows, of which those that are kept move on
 ROTORS = 9  # first column of what rotors give
@@ -55,7 +60,7 @@ class Windows:
         self._rows[0] = self._row
         self._row.fill(0.0)
         lengths = self._rows[:, 0]
-        middles = np.append(0.0, lengths[:-1].cumsum()) + 0.5 * lengths
+        middles = np.append(0.0, lengths[:-1].cumsum()) + HALF * lengths
         middles[0] = 0.0
         self._blocks = middles.searchsorted(WINDOWS)
         self._of = (np.arange(LENGTH) < self._blocks[:, None]).astype(float)

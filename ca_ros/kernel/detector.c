@@ -7,16 +7,17 @@
 /* The constants of ca_ros/detection: disturbances, hypothesis_test, leads, losses, motion_test,
  * motor_model, noise_estimator, pairs, rotor_beliefs, speed_residual, windows; and of
  * ca_ros/control/momentum_observer. */
-#define BLOCK CA_REAL(0.0095)
+#define BLOCK CA_REAL(0.00943)
+#define HALF CA_REAL(0.505)
 #define CONFIRMATIONS 3
 #define IN_A_ROW 3
-#define REFINED CA_REAL(0.5)
+#define REFINED CA_REAL(0.495)
 #define USELESS CA_REAL(0.2)
 #define TOTAL CA_REAL(0.8)
 #define TOLD CA_REAL(0.995)
 #define CERTAIN CA_REAL(0.995)
 #define SUSPICION CA_REAL(6.0)
-#define PATIENCE CA_REAL(1.0)
+#define PATIENCE CA_REAL(0.995)
 #define ACQUAINTED 1000000000
 #define SETTLING CA_REAL(4.0)
 #define FLOOR CA_REAL(0.3)
@@ -1019,7 +1020,7 @@ static void sum_windows(ca_detector *detector, ca_block *windows)
     for (int t = 0, b = 0; t < CA_WINDOWS; t++) {
         for (; b < CA_BLOCKS; b++) {
             const ca_block *block = block_of(detector, b);
-            if (b && sum.length + CA_REAL(0.5) * block->length >= WINDOWS[t])
+            if (b && sum.length + HALF * block->length >= WINDOWS[t])
                 break;
             sum.length += block->length;
             for (int k = 0; k < 6; k++)
