@@ -18,8 +18,10 @@ from ca_ros.__main__ import main
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
+from ca_ros.detection.injected_loss import _turned, without_rotor
 from ca_ros.detection.kernel_detector import make_detector
-from ca_ros.detection.replay import Naming, _turned, motion_of, replay, without_rotor
+from ca_ros.detection.recorded_motion import motion_of
+from ca_ros.detection.replay import Naming, replay
 from ca_ros.settings import ParameterError
 from ca_ros.simulation.closed_loop import Change, fly
 from ca_ros.studies import replay_figure

@@ -15,9 +15,11 @@ import numpy as np
 from benchmarks.detection.tables import share
 from ca_ros.arrays import BoolArray
 from ca_ros.detection.detector_settings import DetectorSettings
+from ca_ros.detection.injected_loss import WAIT, without_rotor
 from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.detection.lag_check import LagCheck
-from ca_ros.detection.replay import WAIT, Motion, Naming, Replay, motion_of, replay, without_rotor
+from ca_ros.detection.recorded_motion import Motion, motion_of
+from ca_ros.detection.replay import Naming, Replay, replay
 from ca_ros.studies.replay import settings_of
 from ca_ros.vehicle.formats.recording import Recording, read_recording
 from ca_ros.vehicle.identification import speeds_of

@@ -9,7 +9,9 @@ import numpy as np
 
 from ca_ros.arguments import add_recording, command
 from ca_ros.detection.detector_settings import DetectorSettings, no_lag
-from ca_ros.detection.replay import WAIT, Replay, motion_of, replay, without_rotor
+from ca_ros.detection.injected_loss import WAIT, without_rotor
+from ca_ros.detection.recorded_motion import motion_of
+from ca_ros.detection.replay import Replay, replay
 from ca_ros.parameter_files import MonitorSettings, load_for
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import read as read_file
