@@ -4,12 +4,13 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.vehicle.effectiveness import rotor_wrenches
-from ca_ros.vehicle.formats.recording import FRD
+from ca_ros.vehicle.formats.recording import FRD, G
 from ca_ros.vehicle.plausibility import CLEARLY, FORCE_OFF, FORCE_WINDOW, IN_AIR
 from ca_ros.vehicle.state import rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
 WINDOWS = 2  # in a row with the same verdict, from which it counts
+READINGS = {'in g': np.full(3, G), 'forward-right-down': FRD}  # factors of what may be meant
 
 
 class ForceCheck:
@@ -29,7 +30,6 @@ class ForceCheck:
     def __init__(self, vehicle: Vehicle) -> None:
         self.fault = ''
         self._vehicle = vehicle.intact
-        self._readings = {'in g': np.full(3, vehicle.gravity), 'forward-right-down': FRD}
         self._verdict, self._times = '', 0
         self._state: tuple[int, Array] | None = None  # stamp, velocity in the world frame
         self._moved: Array = np.zeros(3)
@@ -79,7 +79,7 @@ class ForceCheck:
         off = float(np.linalg.norm(force - expected))
         left = {
             words: float(np.linalg.norm(factor * force - expected))
-            for words, factor in self._readings.items()}
+            for words, factor in READINGS.items()}
         verdict = min(left, key=left.__getitem__)
         if CLEARLY * off < left[verdict]:
             verdict = ''

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError
-from ca_ros.vehicle.formats.recording import Recording, other_frame
+from ca_ros.vehicle.formats.recording import G, Recording, other_frame
 from ca_ros.vehicle.state import GAP
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -136,7 +136,7 @@ READINGS: Mapping[str, tuple[str, Readings, Readings]] = {
         'm/s in the body frame', {'mm/s': _scaled('velocity', 1e-3)},
         {'of the world frame': _from_world}),
     'acc': (
-        'the specific force [m/s^2], up in hover', {'g': _scaled('acc', 9.81)},
+        'the specific force [m/s^2], up in hover', {'g': _scaled('acc', G)},
         {'of the other --frame': other_frame}),
     'attitude': ('x, y, z, w, body to world', {}, {
         'w, x, y, z': lambda recording: recording.with_stream(

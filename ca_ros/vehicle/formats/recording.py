@@ -25,6 +25,7 @@ Without ends the columns are those of the rotors, numbered from 1.
 """
 
 FRD = np.array([1.0, -1.0, -1.0])  # signs of front-right-down in front-left-up
+G = 9.80665  # a specific force of 1 g [m/s^2]
 
 STEP_MAX = 0.5  # the median step of a gyro is below it [s]
 VALUE_MAX = 1e9  # greatest number of a stream
