@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from ca_ros import AllocationProblem, Exact, ParameterError, Vehicle
-from ca_ros.nodes import belief
+from ca_ros.nodes import battery as voltages
 from ca_ros.nodes.allocator import ProblemAllocatorNode, rows_of
 from ca_ros.nodes.topics import STANDING
 from ca_ros.testing import Diagnostics, wrench
@@ -28,7 +28,7 @@ CURVE = {
 
 
 def test_throttles_pulses_and_the_voltage(graph, capfd, monkeypatch):
-    monkeypatch.setattr(belief, 'BATTERY_TIMEOUT', 0.5)
+    monkeypatch.setattr(voltages, 'TIMEOUT', 0.5)
     options = CURVE | {'timeout_action': 'hold'}
     words = [word for name, value in options.items() for word in ('-p', f'{name}:={value}')]
     host(graph, 'allocator', *words)

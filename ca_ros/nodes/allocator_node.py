@@ -227,12 +227,12 @@ class AllocatorNode(Node):
         held, self._held = self._held, None
         if held is not None:
             self._serve_in_lockstep(held)
-        elif self.belief.lacks_answer(self._newest):
+        elif self.belief.monitored.lacks_answer(self._newest):
             self._publish(self._last, self._newest)
 
     def _serve_in_lockstep(self, command: WrenchCommand) -> None:
         """Serve a wrench, or hold it until the health with its stamp comes."""
-        if self.belief.waits(command.time):
+        if self.belief.monitored.waits(command.time):
             self._held = command
         else:
             self._serve(command)

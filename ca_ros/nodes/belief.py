@@ -2,29 +2,24 @@
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from math import inf
-from time import monotonic
 from typing import Any, ClassVar
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray
 
 from ca_ros.allocation.reconfiguration import Failures, Reconfiguration
 from ca_ros.nodes import topics
+from ca_ros.nodes.battery import Battery
 from ca_ros.nodes.diagnostics import ERROR, WARN, Diagnostics, Level
 from ca_ros.nodes.messages import read_announcement, speeds_stamp
-from ca_ros.nodes.monitor_reports import MonitorReports, none_of, report_of
+from ca_ros.nodes.monitored_health import MonitoredHealth
 from ca_ros.nodes.parameters import Parameters
-from ca_ros.nodes.stream import NO_EVENTS, Streams
-from ca_ros.nodes.topics import GATHERED, STANDING, standing
+from ca_ros.nodes.stream import Streams
+from ca_ros.nodes.topics import standing
 from ca_ros.problem.audit import Audit
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.motors import HEALTH_MIN
-
-BATTERY_TIMEOUT = 5.0
-"""Time without a sound voltage, after there was one, from which a warning begins [s]."""
 
 Make = Callable[[Any, Audit, Any], Any]
 
@@ -39,8 +34,9 @@ class Belief:
     other one is told.  So does the last sound voltage on `battery`; before the first one, the
     bounds are those of the settings.
 
-    `make`: see `Reconfiguration`.  `changed`: called when something else is in force; it only
-    assigns.
+    - `make`: see `Reconfiguration`
+    - `changed`: called when something else is in force; it only assigns
+    - `monitored`: what monitors say
     """
 
     made_by: ClassVar[Any] = Reconfiguration
@@ -57,10 +53,8 @@ class Belief:
         self._changed = changed
         self.current = self.made_by(parameters.settings, make)
         parameters.on_change(self.current.prepare, self._use)
-        self._monitors = MonitorReports()
-        self._keeper: Publisher | None = None
-        self._health_time = -1
-        self._voltage_time = inf
+        self.monitored = MonitoredHealth(node, parameters.mode, self._accepts, self._believe)
+        self._battery = Battery(node, diagnostics, self._measure)
         self._logged_audit: Audit | None = None
         self._logged_reports: dict[str, tuple[Failures, str]] = {}
         self._logged_fault = ''
@@ -80,39 +74,17 @@ class Belief:
     ) -> None:
         """Subscribe to what is said of the health, and to `battery` if the voltage matters.
 
-        `answer` is called after each sound message of the monitor, for what waited for it.
-        `tells`: whether to tell the newest monitor what others have found.
+        `answer` and `tells`: see `MonitoredHealth.subscribe`.
         """
-        self._answer = answer
-        topic = topics.ROTOR_HEALTH
-        streams.listen(topic.kind, topic.name, self._receive_health, GATHERED)
-        if tells:
-            held = topics.HELD_HEALTH
-            self._keeper = self._node.create_publisher(
-                held.kind, held.name, STANDING, event_callbacks=NO_EVENTS)
+        self.monitored.subscribe(streams, answer, tells)
         self.subscribe_announcements(streams)
-        if not np.any(self._parameters.settings.rotors.speed_max_per_volt):
-            return
-        try:
-            # Only vehicles whose voltage matters need the package of the message.
-            from sensor_msgs.msg import BatteryState
-        except ImportError as error:
-            self._node.get_logger().warning(f'{error}: the voltage on battery is not read')
-            return
-        streams.listen(BatteryState, topics.BATTERY, self._receive_battery)
+        if np.any(self._parameters.settings.rotors.speed_max_per_volt):
+            self._battery.subscribe(streams)
 
     def subscribe_announcements(self, streams: Streams) -> None:
         """Subscribe to what is announced."""
         topic, quality = topics.ANNOUNCED_HEALTH, standing(self._parameters.mode.name)
         streams.listen(topic.kind, topic.name, self._receive_announcement, quality)
-
-    def waits(self, time: int) -> bool:
-        """Return whether the health for a state [ns] has still to come."""
-        return self._parameters.mode.waits(time, self._health_time)
-
-    def lacks_answer(self, time: int) -> bool:
-        """Return whether the monitor has said again that it lacks the answer to a state [ns]."""
-        return self._parameters.mode.lacks_answer(time, self._health_time)
 
     def log(self) -> None:
         """Log what has changed since the last call: not while a command waits."""
@@ -143,14 +115,11 @@ class Belief:
 
     def levels(self) -> list[Level]:
         """Return what is wrong with the vehicle and with those who report of it."""
-        found, voltage = list[Level](), self.current.voltage
-        if voltage is not None and monotonic() - self._voltage_time > BATTERY_TIMEOUT:
-            text = f'no sound voltage for {BATTERY_TIMEOUT:g} s: {voltage:.4g} V holds'
-            found.append((WARN, text))
+        found = self._battery.levels()
         topic = self.health_topic
         if topic in self.current.reported and not self._node.count_publishers(topic):
             found.append((WARN, f'the publisher of {topic} has ended: its last one holds'))
-        for failures in self._monitors.others:
+        for failures in self.monitored.others:
             if (text := self.reductions(failures)) != self.sound:
                 found.append((WARN, f'another monitor found, until monitor/reset: {text}'))
         if self.current.fault:
@@ -189,7 +158,7 @@ class Belief:
         self._changed()
         self._diagnostics.wait()
 
-    def _report(self, name: str, *said: Any) -> bool:
+    def report(self, name: str, *said: Any) -> bool:
         """Believe what is reported on a topic; return whether it is sound."""
         try:
             if self.current.report(name, *said):
@@ -203,34 +172,6 @@ class Belief:
         self._diagnostics.counts['refused health'] += 1
         self._diagnostics.warn('health', f'refused {why}')
 
-    def _receive_health(self, message: Float64MultiArray) -> None:
-        (origin, said), time = report_of(message), speeds_stamp(message)
-        news = not self._monitors.has(origin, said)
-        if news:
-            try:
-                self.current.check(said.health, None, said.arms)
-            except ParameterError as error:
-                self._refuse(str(error))
-                return
-            self._monitors.take(origin, said)
-            health, arms, _ = self._monitors.together
-            self._report(topics.ROTOR_HEALTH.name, health, None, arms)
-        self._health_time = -1 if time is None else time
-        self._answer()
-        if news and self._keeper and (word := self._monitors.word_to_newest()):
-            self._keeper.publish(word)
-
-    @property
-    def held(self) -> Failures:
-        """What monitors before this one found; of a monitor."""
-        none = none_of(self.current.in_force.failures)
-        return self.current.reported.get(topics.HELD_HEALTH.name, none)
-
-    def hold(self, said: Failures | None = None) -> None:
-        """Believe what monitors before this one found; None: nothing."""
-        found = said or none_of(self.held)
-        self._report(topics.HELD_HEALTH.name, found.health, None, found.arms)
-
     def _receive_announcement(
         self, message: Float64MultiArray, name: str = topics.ANNOUNCED_HEALTH.name
     ) -> None:
@@ -242,18 +183,23 @@ class Belief:
             self._refuse(f'{name}: {error}')
             return
         stamp = speeds_stamp(message) or 0
-        if not self._parameters.mode.take(stamp, name, partial(self._report, name, *said)):
+        if not self._parameters.mode.take(stamp, name, partial(self.report, name, *said)):
             self._refuse(f'{name}: too many announcements before their stamps')
 
-    def _receive_battery(self, message: Any) -> None:
+    def _accepts(self, said: Failures) -> bool:
         try:
-            if self.current.measure(float(message.voltage)):
-                self._notify()
+            self.current.check(said.health, None, said.arms)
         except ParameterError as error:
-            self._diagnostics.counts['refused voltages'] += 1
-            self._diagnostics.warn('voltage', f'refused {error}')
-            return
-        self._voltage_time = monotonic()
+            self._refuse(str(error))
+            return False
+        return True
+
+    def _believe(self, said: Failures) -> None:
+        self.report(topics.ROTOR_HEALTH.name, said.health, None, said.arms)
+
+    def _measure(self, voltage: float) -> None:
+        if self.current.measure(voltage):
+            self._notify()
 
     def reductions(self, said: Failures) -> str:
         """Return in words where a report is below the parameter, and what sticks."""

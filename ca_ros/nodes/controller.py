@@ -205,7 +205,7 @@ class ControllerNode(Node):
             self._pose is None
             or self._velocity is None
             or self._pose.header.stamp != self._velocity.header.stamp
-            or self.belief.waits(time := nanoseconds(self._pose.header.stamp))
+            or self.belief.monitored.waits(time := nanoseconds(self._pose.header.stamp))
         ):
             return
         self._mode.advance(time)

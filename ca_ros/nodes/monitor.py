@@ -1,7 +1,6 @@
 """The monitor node: states and rotor speeds in, the health of the rotors out."""
 
 from functools import partial
-from time import time_ns
 from typing import Any
 
 import numpy as np
@@ -10,10 +9,8 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray, Header
 from std_srvs.srv import Trigger
 
-from ca_ros.allocation.reconfiguration import Failures
 from ca_ros.arrays import Array
 from ca_ros.control.momentum_observer import RESTART
-from ca_ros.detection.acted_on import acted_on
 from ca_ros.detection.detector_settings import no_lag
 from ca_ros.detection.kernel_detector import Detector, make_detector
 from ca_ros.detection.lag_check import LagCheck
@@ -23,12 +20,12 @@ from ca_ros.nodes.belief import Belief
 from ca_ros.nodes.detector_words import failures_found, not_acted_on, values_of
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
+from ca_ros.nodes.found_health import FoundHealth
 from ca_ros.nodes.imu import Imu
-from ca_ros.nodes.monitor_reports import least, report_of
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.rclpy_internals import given_parameters
-from ca_ros.nodes.stream import NO_EVENTS, Streams
-from ca_ros.nodes.topics import COMMAND, GATHERED, standing
+from ca_ros.nodes.stream import Streams
+from ca_ros.nodes.topics import COMMAND, GATHERED
 from ca_ros.nodes.watchdog import CommandWatch
 from ca_ros.parameter_files import MonitorSettings
 from ca_ros.problem.audit import Audit
@@ -75,11 +72,11 @@ class MonitorNode(Node):
         self._commanded: int | None = None
         self._ahead: int | None = None
         self._settled = 0
-        self._found: object = None
-        self._begin(messages.START)
         self.diagnostics = Diagnostics(self, 'detection', str(settings.vehicle.name))
         self._counts = self.diagnostics.counts
         self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._use)
+        self.found = FoundHealth(self, self._mode.name, self.belief, self.state)
+        self._publish = self.found.publish
         self._use()
         vehicle = self.belief.audit.vehicle
         self._imu = Imu(
@@ -93,9 +90,6 @@ class MonitorNode(Node):
             self, self.parameters, self.diagnostics, 'state',
             missing=lambda: f'no state{self._imu.missing()}')
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
-        topic = topics.ROTOR_HEALTH
-        self._health = self.create_publisher(
-            topic.kind, topic.name, standing(self._mode.name), event_callbacks=NO_EVENTS)
         self.streams.subscribe_commands(self._receive_command, self._bounds)
         held = topics.HELD_HEALTH
         self.streams.listen(held.kind, held.name, self._receive_held, GATHERED)
@@ -116,18 +110,15 @@ class MonitorNode(Node):
             self._levels, self._values, self.streams, self.watchdog.watch,
             self._publish_announced, log=self.belief.log)
 
-    def _begin(self, how: str) -> None:
-        self._origin = f'{how} {time_ns()}'
-
     def _use(self) -> None:
         self.detector: Detector = self.belief.built
         failures = self.belief.current.in_force.failures
         self.detector.announce(failures.health, failures.stuck)
-        self._announced = True
+        self.found.outdated = True
 
     def _publish_announced(self) -> None:
         """Publish what is announced, after a change of it."""
-        if self._announced:
+        if self.found.outdated:
             self._publish(self._observed)
 
     def _levels(self) -> list[Level]:
@@ -137,10 +128,10 @@ class MonitorNode(Node):
     def state(self) -> Level:
         """Return which rotors have failed, or may be failing."""
         detector, failed = self.detector, failures_found(self.detector)
-        if (held := self.belief.reductions(self.belief.held)) != self.belief.sound:
+        if (held := self.belief.reductions(self.found.held)) != self.belief.sound:
             failed.append(f'{held}, found by another monitor')
         if failed:
-            return ERROR, '; '.join([', '.join(failed), *not_acted_on(self._acted.withheld)])
+            return ERROR, '; '.join([', '.join(failed), *not_acted_on(self.found.withheld)])
         if not self.watchdog.awake:
             return STALE, f'no state yet{self._imu.missing()}'
         if detector.suspect is not None:
@@ -159,7 +150,7 @@ class MonitorNode(Node):
         total = self._lag_check.total
         return {
             **self.belief.values(), **self._counts, **self._imu.values(),
-            **values_of(self.detector, self._acted.withheld),
+            **values_of(self.detector, self.found.withheld),
             'lag and delay of motors [ms]': 'unknown' if total is None else f'{1e3 * total:.0f}',
         }
 
@@ -194,12 +185,7 @@ class MonitorNode(Node):
                 self._lag_check.measure(speeds, self.detector.health)
 
     def _receive_held(self, message: Float64MultiArray) -> None:
-        origin, said = report_of(message)
-        if origin == self._origin:
-            self.belief.hold(said)
-        elif origin.startswith(messages.RESET):
-            # Of another monitor: what was found here holds.
-            self.belief.hold()
+        if self.found.hear(message):
             self._publish(self._observed)
 
     def _receive_restart(self, message: Header) -> None:
@@ -297,27 +283,11 @@ class MonitorNode(Node):
             self._publish(time)
         return True
 
-    def _publish(self, time: int | None) -> None:
-        since, arms = self.detector.since, self.detector.failed_arms
-        # What others announce is not found: it ends with their word.
-        found = np.where([each is None for each in since], 1.0, self.detector.health)
-        held = self.belief.held
-        news = found.tolist(), arms, held.key, self._origin
-        if news != self._found or self._announced:
-            self._acted = acted_on(self.detector)
-            if self._found not in (None, news):
-                self.get_logger().error(f'rotor health {np.round(found, 2)}: {self.state()[1]}')
-            found[[i - 1 for i in self._acted.withheld]] = 1.0
-            self._told, arms, _ = least([held, Failures(found, self._acted.arms, {})])
-            self._message = messages.health_message(self._told, arms, self._origin)
-            self._found, self._announced = news, False
-        self._health.publish(messages.fill_speeds(self._message, self._told, time))
-
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Forget all failures, but not those that are announced."""
         self.detector.reset()
-        self._begin(messages.RESET)
-        self.belief.hold()
+        self.found.begin(messages.RESET)
+        self.found.hold()
         self._publish(self._observed)
         response.success, response.message = True, 'all rotors are as announced'
         return response
