@@ -71,10 +71,10 @@ def test_other_results_make_another_page(results):
     'total', *(pytest.param(name, marks=pytest.mark.slow) for name in ('pushes', 'left')),
     *(pytest.param(name, marks=pytest.mark.long) for name in (
         'pooled', 'landings', 'kinds', 'mujoco', 'imu', 'stopped', 'told', 'acting', 'afterwards',
-        'own_plant'))])
+        'own_plant', 'rotorpy'))])
 def test_a_small_trial_has_the_same_tables(name, results, trial, capsys):
-    if name == 'mujoco':
-        pytest.importorskip('mujoco')
+    if name in ('mujoco', 'rotorpy'):
+        pytest.importorskip(name)
     mark = name.replace('_', ' ')
     found = trial(name)
     assert layout(found, mark) == layout(results, mark)
@@ -88,6 +88,19 @@ def test_a_small_trial_has_the_same_tables(name, results, trial, capsys):
 def test_what_cannot_be_flown_stays_and_is_said(results, trial, capsys):
     assert trial('real_flights') == results
     assert capsys.readouterr().err == 'real_flights: left as it is: needs --flights\n'
+
+
+def test_an_incomplete_set_of_real_flights_is_said(results):
+    [sound], [propellers] = (
+        detection.read(results, name) for name in ('real flights', 'propellers'))
+    found = {name: {row: [None] * 100}
+             for name, row in (each['set'].partition(', ')[::2] for each in sound)}
+    for row in propellers:
+        found['CrazyPAD'][row['propellers']] = [None] * 100
+    assert detection.fewer(found) == []
+    found['ACSL'][''] = [None]
+    del found['CrazyPAD']['tape']
+    assert detection.fewer(found) == ['ACSL 1 of 2', 'CrazyPAD tape 0 of 15']
 
 
 @pytest.mark.parametrize(('share', 'command'), [
