@@ -470,9 +470,9 @@ def test_nothing_named_says_how_long_was_tested(tmp_path, capsys):
     flight.write_csv(file)
     assert main(['replay', str(file), 'hexarotor_realistic']) == 0
     last = capsys.readouterr().out.splitlines()[-1]
-    assert re.fullmatch('losses were tested for 3.[78] s: nothing is named', last)
-    short = {name: each[:90] for name, each in recording.values.items()}
-    np.savez(tmp_path / 'short.npz', t=recording.times['gyro'][:90], **short)
+    assert re.fullmatch('losses were tested for 4.[45] s: nothing is named', last)
+    short = {name: each[:45] for name, each in recording.values.items()}
+    np.savez(tmp_path / 'short.npz', t=recording.times['gyro'][:45], **short)
     assert main(['replay', str(tmp_path / 'short.npz'), 'hexarotor_realistic']) == 0
     last = capsys.readouterr().out.splitlines()[-1]
     assert last == 'nothing was tested, so nothing can be named'
@@ -526,9 +526,9 @@ def test_a_loss_that_cannot_be_named_in_time_says_why(tmp_path, capsys):
         assert main([*command, text]) == 1
         assert f'--inject {text}: expected a time before the end, ' in capsys.readouterr().err
     # Nobody reacts in a recording: it would turn at 40 rad/s when the tests begin.
-    for text in ('2@0', '1@0.5'):
+    for text in ('2@0', '1@0.4'):
         assert main([*command, text]) == 1
-        assert re.search(f'--inject {text}: nothing is tested then, but from 1.[23]. s on',
+        assert re.search(f'--inject {text}: nothing is tested then, but from 0.[45]. s on',
                          capsys.readouterr().err)
     main([*command, '2@3.5', '--inject', '2@4.98'])
     tested, late = capsys.readouterr().out.splitlines()[-2:]

@@ -164,19 +164,20 @@ SHARED = {
         **{name: getattr(leads, name) for name in ('LASTING', 'EXCESS', 'DOUBT', 'DEBT')},
         **{name: getattr(pairs, name) for name in ('LEAST_LOSS', 'MOST_LOSS', 'ALIKE', 'PAIRED')},
         'CONTACT': disturbances.CONTACT, 'LIMIT': losses.LIMIT, 'PRIOR': losses.PRIOR,
-        **{name: getattr(motion_test, name) for name in ('RECENT', 'ACQUAINTED', 'KEPT')},
+        **{name: getattr(motion_test, name) for name in ('RECENT', 'KEPT')},
         **{name: getattr(suspicion, name) for name in ('CONFIRMATIONS', 'SUSPICION', 'PATIENCE')},
         'TOTAL': belief_changes.TOTAL,
         **{name: getattr(motor_model, name) for name in ('SETTLING', 'HELD')},
         **{name: getattr(rotor_beliefs, name) for name in (
             'REFINED', 'USELESS', 'IN_A_ROW', 'CERTAIN', 'TOLD')},
         **{name: getattr(noise_estimator, name) for name in (
-            'FLOOR', 'OUTLIER', 'TIME_ERROR', 'COMMON_ERROR', 'LEARNT')},
+            'FLOOR', 'OUTLIER', 'TIME_ERROR', 'COMMON_ERROR', 'LEARNT', 'TRIM')},
         'LEARNING': noise_estimator.LEARNING[0], 'LONG_LEARNING': noise_estimator.LEARNING[1],
         **{name: getattr(momentum_observer, name) for name in (
             'MOTION', 'AVERAGING', 'REST', 'KEEP')},
         'BLOCK': windows.BLOCK, 'HALF': windows.HALF},
-    'detector.h': {'CA_BLOCKS': windows.LENGTH, 'CA_WINDOWS': len(windows.WINDOWS)},
+    'detector.h': {'CA_BLOCKS': windows.LENGTH, 'CA_WINDOWS': len(windows.WINDOWS),
+                   'CA_UNTESTED': noise_estimator.UNTESTED},
     'exact.c': {'SPANNING_MIN': SPANNING_MIN},
     'numbers.h': {'CA_EXACT_TOLERANCE': EXACT_TOLERANCE, 'CA_ABSURD': ABSURD},
     'configuration.h': {'CA_N': ROTORS_MAX, 'CA_M': AXES_MAX}}
@@ -186,8 +187,8 @@ SHARED = {
 @pytest.mark.parametrize('file', SHARED)
 def test_the_engines_have_the_same_constants(file):
     text = (Path(kernel.__file__).parent / file).read_text()
-    number = (r'(?:(?:REAL\()?(?:CA_)?CHOOSE\(([^,]+),|(?:CA_)?REAL\(([\d.e-]+)\)|'
-              r'([\d.e-]+)(?= |$))')
+    number = (r'(?:(?:REAL\()?(?:CA_)?CHOOSE\(([^,]+),|'
+              r'(?:(?:CA_)?REAL\(|\(\(ca_real\))([\d.e-]+)\)|([\d.e-]+)(?= |$))')
     found = {name: np.prod([float(factor) for factor in ''.join(values).split('*')])
              for name, *values in re.findall(rf'#define (\w+) {number}', text, re.MULTILINE)}
     assert {name: found[name] for name in SHARED[file]} == SHARED[file]

@@ -47,8 +47,8 @@ class FailureDetector:
     should have given, and with disturbances; rotors that three tests in a row name have failed.
 
     While nothing is suspected, the mean disturbance, the drag and the noise are learnt.  Nothing
-    is tested until the motors have settled after the first command, and in the first second of a
-    flight that begins in mid-air, or after `reset`.
+    is tested until the motors have settled after the first command, and in the first 0.3 s of a
+    flight that begins in mid-air, or after `reset`; in its first 2 s its trim adds a variance.
 
     `command`, `measure`, `observe` and `announce` raise a ValueError if there is another number of
     numbers, or one is not finite or out of bounds; it has then entered nothing.

@@ -12,7 +12,7 @@ from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.hypothesis_test import HypothesisTest
 from ca_ros.detection.motor_model import CommandedRotors
 from ca_ros.detection.noise_estimator import LEARNING, UsualMotion
-from ca_ros.detection.rotor_beliefs import REFINED, RotorBeliefs
+from ca_ros.detection.rotor_beliefs import REFINED, TOLD, RotorBeliefs
 from ca_ros.detection.suspicion import SUSPICION, Suspicion
 from ca_ros.detection.windows import Windows
 from ca_ros.vehicle.settings import triple
@@ -20,10 +20,6 @@ from ca_ros.vehicle.state import GAP, cross, rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
 MOVING = 5.0  # motion of a vehicle that moves, over the noise in the settings
-
-ACQUAINTED = 1_000_000_000
-"""Time for which a flight that begins in mid-air, or after `reset`, only shows what is usual
-[ns]."""
 
 RECENT = 1.0  # time over which the greatest thrust of a rotor is forgotten [s]
 KEPT = 2_000_000_000  # gap of the states after which what was learnt in a flight is kept [ns]
@@ -61,9 +57,8 @@ class MotionTest:
         self.moving = (MOVING * noises).tolist()
         self.imu, self._measured = triple(s.imu_position), False
         self._turn, self._motion = ONE, np.zeros(6)
-        # Time until failures are tested; above ACQUAINTED, the speeds of the motors are unknown.
         self.settling = self.rotors.settling
-        self._blind, self._commanded = ACQUAINTED + self.settling, False
+        self._blind, self._commanded = self.settling, False
         self.reset()
 
     def reset(self) -> None:
@@ -71,7 +66,6 @@ class MotionTest:
         self.follow_servos()
         self.suspicion.margin = 0.0
         self.usual.reset()
-        self._blind = max(self._blind, ACQUAINTED)
         self._begin()
 
     def follow_servos(self) -> None:
@@ -113,7 +107,7 @@ class MotionTest:
             if self._commanded:
                 self._blind = max(self._blind - (time - last), 0)
             learnt = (
-                moving and self._blind <= ACQUAINTED and self.rotors.known
+                moving and not self._blind and self.rotors.known
                 and not self.suspicion.lately and not self._grounded)
             observer.gain = usual.gain() if learnt else 0.0
             if force is not None:
@@ -127,12 +121,13 @@ class MotionTest:
             self.rotors.lose()
             # The trim is known if it was, not long ago.
             if not (0 < time - last < KEPT and usual.flown > LEARNING[0]):
-                self._blind = ACQUAINTED + self.settling
+                self._blind, usual.rested = self.settling, False
+                # What rotors lack is learnt as trim.
+                self.beliefs.age(TOLD)
         self._turn, self._motion = turn, motion
         step = observer.step
-        if observer.standing or self._blind > ACQUAINTED or self._grounded:
-            if observer.standing and self._blind <= ACQUAINTED:
-                self._blind = 0
+        if observer.standing or self._blind or self._grounded:
+            usual.rested = usual.rested or (observer.standing and not self._blind)
             self._begin()
             if last is not None and 0 < time - last < GAP:
                 usual.rest((time - last) / 1e9, own)
@@ -168,7 +163,7 @@ class MotionTest:
     def testing(self) -> bool:
         """Whether losses are tested: see `FailureDetector`."""
         in_air = self.usual.flown > 0.0 and not self.observer.standing
-        return in_air and self.rotors.known and not self._blind
+        return in_air and self.rotors.known and self.usual.tested
 
     @property
     def _grounded(self) -> bool:
@@ -193,7 +188,7 @@ class MotionTest:
         # While an arm may be told, what it lacks is not learnt.
         settled = not failed and not beliefs.new_arms
         quiet = settled and seen <= SUSPICION
-        if quiet or self._blind:
+        if quiet or not usual.tested:
             # No evidence exceeds what is seen.
             suspicion.clear()
             self._learn(spread, moving, given)
@@ -202,6 +197,7 @@ class MotionTest:
         own = slice(self._n)
         variance = spread + usual.model_errors(
             windows.ages, impulses[..., own], changes[..., own])
+        variance += usual.trim(windows.ages, self.hypotheses.disturbances.variances[0])
         found = self.hypotheses(
             windows.ages, windows.lacked, impulses, windows.lateral, variance, beliefs.health,
             self._peaks, usual.thrusts, suspicion.patient_leads, block, tuple(beliefs.arms),

@@ -16,6 +16,12 @@ OUTLIER = 9.0  # greatest square that is learnt, over the variance
 LEARNING = 2.0, 20.0  # times over which the noise is learnt [s]; disturbances over the first
 TIME_ERROR = 0.01  # standard deviation of the lag and the delay of a rotor [s]
 COMMON_ERROR = 0.25  # that of an error which all rotors share, over the sum of lag and delay
+
+UNTESTED, TRIM = 0.295, 0.15
+"""A flight that has not begun at rest is not tested for this time [s].  Its trim is then
+unknown by a share of the thrust of a rotor in hover, which falls to 0 within the first of
+`LEARNING`."""
+
 LEARNT = 0.95  # time after which it learns again, over the shortest window
 
 
@@ -29,6 +35,7 @@ class UsualMotion:
 
     - `noise` (6,): variance of an impulse by the noise of the settings
     - `flown`: time since the flight began [s]
+    - `rested`: whether it began at rest, and its trim is known
     """
 
     def __init__(self, vehicle: Vehicle, settings: DetectorSettings) -> None:
@@ -42,7 +49,8 @@ class UsualMotion:
         self.begin()
 
     def reset(self) -> None:
-        """Forget the drag and the noise."""
+        """Forget the trim, the drag and the noise."""
+        self.rested = False
         self._spreads = np.tile(self.noise, (len(LEARNING), len(WINDOWS), 1))
         self._drag = np.zeros(6)
         self._means, self._products = np.zeros((2, 6)), np.zeros((2, 6))
@@ -113,6 +121,19 @@ class UsualMotion:
             self._means = self._means + share * moved
             self._products = self._products + share * (moved * moved[1] - self._products)
             self._drag = np.minimum(self._products[0] / (self._products[1] + 0.05**2), 0.0)
+
+    @property
+    def tested(self) -> bool:
+        """Whether enough is known of the trim to test the motion."""
+        return self.rested or self.flown >= UNTESTED
+
+    def trim(self, ages: Array, push: Array) -> Array:
+        """Return the variance (T, 6) of what windows of some ages (T,) lack, by the trim.
+
+        `push` (6,): see `Disturbances`
+        """
+        share = 0.0 if self.rested else TRIM * max(1.0 - self.flown / LEARNING[0], 0.0)
+        return np.asarray((share * ages[:, None]) ** 2 * push)
 
     def model_errors(self, ages: Array, given: Array, change: Array) -> Array:
         """Return the variance (T, 6) by errors of the thrusts, the lag and the delay.

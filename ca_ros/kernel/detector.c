@@ -18,7 +18,6 @@
 #define CERTAIN CA_REAL(0.995)
 #define SUSPICION CA_REAL(6.0)
 #define PATIENCE CA_REAL(0.995)
-#define ACQUAINTED 1000000000
 #define SETTLING CA_REAL(4.0)
 #define FLOOR CA_REAL(0.3)
 #define OUTLIER CA_REAL(9.0)
@@ -49,6 +48,7 @@
 #define PAIRED CA_REAL(0.1)
 #define NEAR CA_REAL(0.5)
 #define LEARNING CA_REAL(2.0)
+#define TRIM CA_REAL(0.15)
 #define LONG_LEARNING CA_REAL(20.0)
 #define RESTART INT64_C(2000000000)
 #define GAP INT64_C(500000000)
@@ -776,10 +776,13 @@ static ca_real learning_gain(const ca_detector *detector, ca_real time)
     return 1 / ca_min(time, detector->flown + CA_REAL(0.05));
 }
 
-/* Let the speeds of the motors be unknown, and what is usual. */
+/* Let the speeds of the motors be unknown, and what is usual: what rotors lack is learnt as trim. */
 static void blind(ca_detector *detector)
 {
-    detector->blind = ACQUAINTED + settling_of(detector->model);
+    detector->blind = settling_of(detector->model);
+    detector->rested = 0;
+    for (int i = 0; i < ROTORS(detector->model); i++)
+        detector->refined[i] += TOLD;
 }
 
 /* Suspect nothing. */
@@ -1061,6 +1064,20 @@ static void add_model_errors(const ca_detector *detector, const ca_block *window
     }
 }
 
+/* Add the variance by the trim, which is unknown in the beginning, but for a flight from rest. */
+static void add_trim(const ca_detector *detector, const ca_block *windows,
+                     ca_real variance[CA_WINDOWS][6])
+{
+    const ca_real share = TRIM * (1 - detector->flown / LEARNING);
+    if (detector->rested || !(share > 0))
+        return;
+    for (int t = 0; t < CA_WINDOWS; t++) {
+        const ca_real error = share * windows[t].length;
+        for (int k = 0; k < 6; k++)
+            variance[t][k] += error * error * detector->model->disturbance[0][k];
+    }
+}
+
 /* Add the variance of what named arms lack, since which rotor has failed is unknown. */
 static void add_unknown(const ca_detector *detector, const ca_block *windows,
                         ca_real variance[CA_WINDOWS][6])
@@ -1166,13 +1183,15 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         }
         greatest = ca_max(greatest, CA_REAL(0.5) * sum);
     }
-    if (detector->blind > 0 || (!refining && greatest <= SUSPICION)) {
+    if (!(detector->rested || detector->flown >= CA_UNTESTED) ||
+        (!refining && greatest <= SUSPICION)) {
         /* No score exceeds this sum. */
         clear_suspicion(detector);
         learn(detector, block, spread, windows, thrusts, moving);
         return 0;
     }
     add_model_errors(detector, windows, variance);
+    add_trim(detector, windows, variance);
     if (arms) {
         memcpy(known, variance, sizeof known);
         add_unknown(detector, windows, variance);
@@ -1246,8 +1265,7 @@ void ca_detector_reset(ca_detector *detector)
             ca_copy(6, model->noise, detector->variance[h][t]);
     memset(detector->drag, 0, sizeof detector->drag);
     memset(detector->moments, 0, sizeof detector->moments);
-    if (detector->blind < ACQUAINTED)
-        detector->blind = ACQUAINTED;
+    detector->rested = 0;
     begin(detector);
 }
 
@@ -1479,7 +1497,7 @@ static int observe_step(ca_detector *detector, const state *now, const step *pas
 {
     ca_real gained[6], gain = 0;
     /* What holds a vehicle that does not move may be the ground, which is not learnt. */
-    if (past->moving && detector->blind <= ACQUAINTED && detector->known && !grounded(detector))
+    if (past->moving && !detector->blind && detector->known && !grounded(detector))
         gain = learning_gain(detector, LEARNING);
     for (int k = 0; k < 6; k++)
         gained[k] = now->momentum[k] - detector->momentum[k];
@@ -1542,9 +1560,8 @@ int ca_detector_observe(ca_detector *detector, int64_t time, const ca_real attit
     ca_copy(6, now.momentum, detector->momentum);
     memcpy(detector->rotation, now.rotation, sizeof now.rotation);
     ca_copy(6, motion, detector->motion);
-    if (detector->standing || detector->blind > ACQUAINTED || grounded(detector)) {
-        if (detector->standing && detector->blind <= ACQUAINTED)
-            detector->blind = 0;
+    if (detector->standing || detector->blind || grounded(detector)) {
+        detector->rested |= detector->standing && !detector->blind;
         begin(detector);
         /* Usual in hover at rest, but not in a take-off, whose trim is not known. */
         const ca_real share = settled(past.length / REST);

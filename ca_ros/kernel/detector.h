@@ -24,6 +24,9 @@ extern "C" {
 #define CA_STATE_MAX ((ca_real)1e9) /* greatest number of a state */
 #define CA_TIME_MAX (INT64_C(1) << 62) /* times are less, before and after zero [ns] */
 
+/* Flights that do not begin at rest are not tested for so long [s]. */
+#define CA_UNTESTED ((ca_real)0.295)
+
 #define CA_BLOCKS 34 /* blocks of time that are kept */
 #define CA_WINDOWS 5 /* windows of time that are tested */
 
@@ -109,7 +112,8 @@ typedef struct {
     ca_real rotation[3][3], motion[6];
     ca_real learnt[6], moments[4][6], drag[6], variance[2][CA_WINDOWS][6], mean_thrusts[CA_N];
     /* the test */
-    int64_t blind; /* time until it is tested [ns]; above a second, motors are unknown */
+    int64_t blind; /* time until the speeds of the motors are known [ns] */
+    int rested;    /* whether the flight has begun at rest, and its trim is known */
     ca_real flown, waited, unlearnt, refined[CA_N];
     ca_real leads[CA_N];     /* of each rotor over all else, gathered while it is suspected */
     int named[4], open[4], names, count, windows[CA_WINDOWS];

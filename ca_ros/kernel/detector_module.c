@@ -202,7 +202,8 @@ static PyObject *status(object *self, PyObject *unused)
     (void)unused;
     const ca_detector *detector = &self->detector;
     const int in_air = detector->flown > 0 && !detector->standing;
-    const int testing = in_air && detector->known && !detector->blind;
+    const int tested = detector->rested || detector->flown >= CA_UNTESTED;
+    const int testing = in_air && detector->known && tested;
     return Py_BuildValue("(iii)", detector->suspect, detector->standing, testing);
 }
 
