@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 import ca_ros
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.detector_settings import ImuSettings
-from ca_ros.nodes import messages
+from ca_ros.nodes import messages, topics
 from ca_ros.nodes.messages import fill_imu, speeds_message, speeds_stamp, stamp, state_messages
 from ca_ros.nodes.topics import STANDING
 from ca_ros.simulation.closed_loop import fly
@@ -397,7 +397,7 @@ class Imu:
         self.plant = Plant(
             RigidBody(vehicle), settings, imu=ImuSettings(imu_position=[0.05, 0.0, 0.02]))
         self.speeds = np.sqrt(vehicle.weight / 6 / vehicle.thrust_per_squared_speed)
-        self.reading = np.ones(3)
+        self.reading, self.clock = np.ones(3), 0
         self.imu = graph.publisher(sensor_msgs.Imu, 'imu')
         self.pose = graph.publisher(PoseStamped, 'local_position/pose')
         self.velocity = graph.publisher(TwistStamped, 'local_position/velocity_body')
@@ -409,7 +409,7 @@ class Imu:
 
         `ahead`: by what the clock of the Imu is [ns].
         """
-        state, time = self.plant.step(self.speeds), self.plant.elapsed
+        state, time = self.plant.step(self.speeds), self.plant.elapsed + self.clock
         if imu:
             header = Header(stamp=stamp(time + ahead))
             measured = self.reading * self.plant.specific_force
@@ -594,6 +594,48 @@ def test_the_monitor_says_when_no_rotor_is_tested(graph):
     reset(graph)
     says(b'\1', 'no rotor is tested')
     says(b'\0', 'all rotors deliver their thrust')
+
+
+def test_a_clock_that_steps_back_long_after_a_restart_does_not_blind_the_monitor(graph):
+    place = 'detector.imu_position:=[0.05, 0.0, 0.02]'
+    graph.start('monitor', '--vehicle', 'hexarotor', '--ros-args', '-p', place, '-p', INSTANT)
+    vehicle, diagnostics = Imu(graph, '2@1000'), Diagnostics(graph)
+    vehicle.speeds *= 1.01  # it climbs: what does not move might stand
+    vehicle.clock = 1_000_000_000_000
+    restarts = graph.publisher(Header, topics.STATE_RESTART.name)
+    graph.connect('monitor')
+    graph.node.create_timer(0.005, lambda: vehicle.fly(states=True))
+
+    def says(words, **values):
+        diagnostics.arrays.clear()
+        diagnostics.wait(
+            'monitor', lambda *status: words in status[1] and values.items() <= status[2].items(),
+            words)
+
+    says('all rotors deliver their thrust')
+    restarts.publish(Header(stamp=stamp(vehicle.plant.elapsed + vehicle.clock)))
+    says('all rotors deliver their thrust', restarts='1')
+    vehicle.clock -= 900_000_000_000
+    says('no rotor is tested')
+    says('all rotors deliver their thrust')
+
+
+def test_the_monitor_says_what_the_stamps_of_states_lack(graph):
+    graph.start('monitor', '--vehicle', 'hexarotor', '--ros-args', '-p', INSTANT)
+    vehicle, diagnostics = Vehicle(graph), Diagnostics(graph)
+    graph.connect('monitor')
+
+    def unequal(*status):
+        vehicle.pose.publish(PoseStamped())
+        vehicle.velocity.publish(TwistStamped(header=Header(stamp=stamp(5))))
+        return status[1] == 'no pose and velocity with the same stamp yet'
+
+    def unset(*status):
+        vehicle.state(w=1.0)
+        return status[1] == 'no state with a new stamp'
+
+    diagnostics.wait('monitor', unequal, 'two stamps')
+    diagnostics.wait('monitor', unset, 'one stamp')
 
 
 def lost(*rotors):

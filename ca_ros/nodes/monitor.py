@@ -1,6 +1,8 @@
 """The monitor node: states and rotor speeds in, the health of the rotors out."""
 
 from functools import partial
+from math import inf
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -71,7 +73,7 @@ class MonitorNode(Node):
         self._observed: int | None = None  # of the last state, or sample of the Imu alone
         self._commanded: int | None = None
         self._ahead: int | None = None
-        self._settled = 0
+        self._settled, self._repeated = 0, -inf
         self.diagnostics = Diagnostics(self, 'detection', str(settings.vehicle.name))
         self._counts = self.diagnostics.counts
         self.belief = Belief(self, self.parameters, self.diagnostics, _make, self._use)
@@ -87,8 +89,7 @@ class MonitorNode(Node):
         if self._no_lag:
             self.get_logger().warning(self._no_lag)
         self.watchdog = CommandWatch(
-            self, self.parameters, self.diagnostics, 'state',
-            missing=lambda: f'no state{self._imu.missing()}')
+            self, self.parameters, self.diagnostics, 'state', missing=self._missing)
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
         self.streams.subscribe_commands(self._receive_command, self._bounds)
         held = topics.HELD_HEALTH
@@ -133,7 +134,7 @@ class MonitorNode(Node):
         if failed:
             return ERROR, '; '.join([', '.join(failed), *not_acted_on(self.found.withheld)])
         if not self.watchdog.awake:
-            return STALE, f'no state yet{self._imu.missing()}'
+            return STALE, f'{self._missing()} yet'
         if detector.suspect is not None:
             return WARN, f'rotor {detector.suspect + 1} suspected'
         if level := self._imu.level(self._stated is not None):
@@ -142,9 +143,19 @@ class MonitorNode(Node):
             return WARN, self._lag_check.fault
         if detector.standing:
             return OK, 'on the ground'
-        if not detector.testing or (self._observed or 0) < self._settled:
+        if not detector.testing or self._settles(self._observed or 0):
             return WARN, UNTESTED
         return OK, 'all rotors deliver their thrust'
+
+    def _missing(self) -> str:
+        """Return in words what is missing."""
+        pose, velocity, what = self._pose, self._velocity, 'state'
+        equal = not (pose and velocity) or pose.header.stamp == velocity.header.stamp
+        if self._stated is None and not equal:
+            what = 'pose and velocity with the same stamp'
+        elif monotonic() - self._repeated < self.watchdog.timeout:
+            what = 'state with a new stamp'
+        return f'no {what}{self._imu.missing()}'
 
     def _values(self) -> dict[str, object]:
         total = self._lag_check.total
@@ -234,6 +245,7 @@ class MonitorNode(Node):
         if self._imu.lacks(time):
             return
         if time == self._stated:
+            self._repeated = monotonic()
             if each:
                 self._publish(time)
             return
@@ -257,6 +269,10 @@ class MonitorNode(Node):
             self._stated = time
             self._imu.hear(time, attitude, motion[0])
 
+    def _settles(self, time: int) -> bool:
+        """Return whether motors may not follow yet at a time [ns], which may have stepped back."""
+        return 0 < self._settled - time <= SETTLING + RESTART
+
     def _interrupt(self) -> None:
         """Take the next state as one that does not continue those before."""
         self.detector.interrupt()
@@ -266,7 +282,7 @@ class MonitorNode(Node):
         self, time: int, attitude: Array, motion: tuple[Array, Array], force: Array | None
     ) -> bool:
         """Observe a state, whose motion is velocity and angular velocity; False if it is none."""
-        if time < self._settled:
+        if self._settles(time):
             self._interrupt()
         try:
             changed = self.detector.observe(time, attitude, *motion, force)
