@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from ca_ros.arrays import Array
 from ca_ros.detection.arms import as_effectors, compared, unknown
 from ca_ros.detection.disturbances import Disturbances
-from ca_ros.detection.leads import gathered, owed
+from ca_ros.detection.leads import GATHERED, gathered, owed
 from ca_ros.detection.losses import least_shares, losses_of
 from ca_ros.detection.naming import Case, Naming
 from ca_ros.detection.stuck_servos import stuck_servos
@@ -164,7 +164,7 @@ class HypothesisTest:
           are named, which together explain almost any trim, and no weak one
         - `recent`: rotors that failed so lately that others gather no lead; see `gathered`
         """
-        n, longest = len(health), len(ages) - 1
+        n, at = len(health), min(GATHERED, len(ages) - 1)
         own = given[:, :, :n]
         signature, error = self.signatures(own, lateral)
         variance = variance + unknown(signature, arms, np.asarray(lost))
@@ -187,25 +187,23 @@ class HypothesisTest:
             lacked, variance, own, lateral, health, np.isin(np.arange(n), list(arms)),
             self.naming.asked(ages, own, usual, health), losses, evidence, disturbance, known)
         name, window = self.naming.now(case, rotor, likeliest, servo, leads)
-        last = losses.evidence[longest]
-        steady = max(float(disturbances[longest]), 0.0)
+        steadily = losses.evidence[at]
+        steady = max(float(disturbances[at]), 0.0)
         if known:
-            leads = gathered(leads, block, last, servos, steady, self.partners, recent)
+            leads = gathered(leads, block, steadily, servos, steady, self.partners, recent)
             leads = owed(leads, losses.raw[likeliest], health, evidence, disturbance)
         else:
             leads = np.zeros(n)
         margin = max(float(evidence[rotor]), name.evidence) - disturbance
         lasting = bool(not name.rotors and self.naming.lasts(case, leads))
         if lasting:
-            rotor, window = int(leads.argmax()), longest
-            margin = float(last[rotor]) - steady
-            share = min(losses.raw[longest, rotor], health[rotor])
-            # What its partner owes does not tell the two apart.
-            lead = np.where(health > 0.0, np.maximum(leads, 0.0), -np.inf)
-            name = self.naming.name(rotor, share, lead)
+            rotor, window = int(leads.argmax()), at
+            margin = float(steadily[rotor]) - steady
+            share = min(losses.raw[window, rotor], health[rotor])
+            name = self.naming.name(rotor, share, np.where(health > 0.0, steadily, -np.inf))
         return Finding(
             evidence, disturbance, rotor, margin, name.rotors, name.arms, name.lost, name.angle,
-            window, leads, lasting, losses.raw[longest], losses.errors[longest])
+            window, leads, lasting, losses.raw[-1], losses.errors[-1])
 
     def of_arms(
         self, lacked: Array, given: Array, lateral: Array, variance: Array,

@@ -1,7 +1,7 @@
 """The lead that each rotor gathers in time over all else.
 
 What loses less than half of its thrust shows in time: windows that do not overlap are
-independent, so their evidence adds up.  In the longest window, the lead of each rotor over all
+independent, so their evidence adds up.  In the window `GATHERED`, the lead of each rotor over all
 else is gathered, as its integral over the length of the window, not below zero; `LASTING` of it
 names a rotor.  A loss changes the trim, so while it is learnt again, no other rotor gathers.
 
@@ -20,7 +20,8 @@ from ca_ros.arrays import Array
 from ca_ros.detection.losses import LIMIT
 from ca_ros.detection.windows import WINDOWS
 
-LASTING = 4.0  # lead that a weak rotor gathers, from which it is named
+LASTING = 5.0  # lead that a weak rotor gathers, from which it is named
+GATHERED = 2  # the window in which leads are gathered, of `WINDOWS`
 
 EXCESS, DOUBT, DEBT = 1.2, 3.0, 15.0
 """A rotor that would lack so much of its health, in the window in which a disturbance is likeliest
@@ -35,7 +36,7 @@ def gathered(
 
     - `leads` (n,): what each had gathered before; negative: what it owes
     - `block`: the further time [s]
-    - `evidence` (n,) and `disturbance`: in the longest window
+    - `evidence` (n,) and `disturbance`: in the window `GATHERED`
     - `servos` (n,): the evidence for servos that stick
     - `partners` (n,): the other rotor of each one's coaxial pair, over which it need not lead
     - `recent`: rotors that have just failed; others gather nothing, but what they owe
@@ -49,7 +50,7 @@ def gathered(
     lead = np.minimum(evidence - np.maximum(others.max(axis=1), disturbance), LIMIT)
     most = [0.0 if {*recent} - {i, partner} else np.inf for i, partner in enumerate(partners)]
     return np.maximum(
-        np.minimum(leads + block / WINDOWS[-1] * lead, most), np.minimum(leads, 0.0))
+        np.minimum(leads + block / WINDOWS[GATHERED] * lead, most), np.minimum(leads, 0.0))
 
 
 def owed(

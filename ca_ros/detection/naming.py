@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.detection.leads import LASTING
+from ca_ros.detection.leads import GATHERED, LASTING
 from ca_ros.detection.losses import LIMIT, Losses
 from ca_ros.detection.pairs import PAIRED, likeliest_pair
 from ca_ros.detection.stuck_servos import StuckServo
@@ -30,7 +30,7 @@ MARGIN = 4.0
 
 NEAR = 0.5  # evidence of windows that show the share lost, over that of the best
 
-SEEN = 15.0  # evidence, in the longest window, of a weak rotor that leads for long
+SEEN = 12.0  # evidence, where leads are gathered, of a weak rotor that leads for long
 
 PAIR_ODDS = 1.0  # lead of a pair from which a rotor alone is not named
 
@@ -125,9 +125,10 @@ class Naming:
     def lasts(self, case: Case, leads: Array) -> bool:
         """Return whether the rotor that has gathered most (n,) is named for it."""
         top, losses = int(leads.argmax()), case.losses
+        at = min(GATHERED, len(losses.evidence) - 1)
         weak = losses.raw[:, top].max() >= WEAK_LOSS * case.health[top]
-        seen = leads[top] > LASTING and losses.evidence[-1, top] > SEEN
-        return bool(seen and weak and case.asked[-1, top])
+        seen = leads[top] > LASTING and losses.evidence[at, top] > SEEN
+        return bool(seen and weak and case.asked[at, top])
 
     def asked(self, ages: Array, given: Array, usual: Array, health: Array) -> BoolArray:
         """Return which rotors (T, n) give enough thrust (T, 6, n) in each window to be named."""

@@ -38,8 +38,9 @@
 #define TELLING CA_REAL(6.5)
 #define MARGIN CA_REAL(4.0)
 #define CONTACT CA_REAL(4.0)
-#define LASTING CA_REAL(4.0)
-#define SEEN CA_REAL(15.0)
+#define LASTING CA_REAL(5.0)
+#define GATHERED 2
+#define SEEN CA_REAL(12.0)
 #define EXCESS CA_REAL(1.2)
 #define DOUBT CA_REAL(3.0)
 #define DEBT CA_REAL(15.0)
@@ -548,13 +549,14 @@ static ca_real of_disturbances(const ca_detector_model *model, const ca_block *w
     return evidence;
 }
 
-/* Gather how far each rotor leads all else in the longest window; name one that leads for long.
+/* Gather how far each rotor leads all else in one window; name one that leads for long.
  * Nothing is gathered while the trim is not known: in the beginning of a flight, and by others
- * than a `recent` loss.  A rotor that lacks more than it has, `lacking` where a disturbance is
- * likeliest, gets a debt, and a smaller one if a disturbance leads it far. */
+ * than a `recent` loss.  A rotor that lacks more than it has, in the window where a disturbance is
+ * `likeliest`, gets a debt, and a smaller one if a disturbance leads it far. */
 static void gather(const ca_detector *detector, const ca_block *window, ca_real block,
-                   const ca_real *evidence, ca_real disturbance, const ca_real *lacking,
-                   const int *recent, finding *found)
+                   const ca_real *evidence, ca_real disturbance,
+                   const ca_real lacking[CA_WINDOWS][CA_N], int likeliest, const int *recent,
+                   finding *found)
 {
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
@@ -571,10 +573,10 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
                 most = recent[j] ? 0 : most;
             }
         const ca_real lead = ca_min(evidence[i] - rival, LIMIT), before = detector->leads[i];
-        const ca_real after = before + block / WINDOWS[CA_WINDOWS - 1] * lead;
+        const ca_real after = before + block / WINDOWS[GATHERED] * lead;
         found->leads[i] = ca_max(ca_min(after, most), ca_min(before, 0));
         const ca_real doubt = found->disturbance - found->evidence[i];
-        const int excess = lacking[i] > EXCESS * found->levels[i] && doubt > DOUBT;
+        const int excess = lacking[likeliest][i] > EXCESS * found->levels[i] && doubt > DOUBT;
         if (found->evidence[i] > LIMIT && (excess || doubt > LIMIT))
             found->leads[i] = ca_min(found->leads[i], excess ? -DEBT : -LASTING);
         top = found->leads[i] > found->leads[top] ? i : top;
@@ -584,11 +586,11 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
         return;
     const int partner = partner_of(model, top);
     found->rotor = top;
-    found->window = CA_WINDOWS - 1;
+    found->window = GATHERED;
     found->lasting = 1;
-    name(found, top, ca_min(found->shares[top], found->levels[top]), partner,
+    name(found, top, ca_min(lacking[GATHERED][top], found->levels[top]), partner,
          partner >= 0 && found->levels[partner] > 0 &&
-             found->leads[top] - ca_max(found->leads[partner], 0) <= ODDS);
+             evidence[top] - evidence[partner] <= ODDS);
 }
 
 /* What the loss of a share of one rotor's thrust explains of a window. */
@@ -715,8 +717,8 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
     }
     name_now(detector, windows, variance, (const ca_real(*)[CA_N])evidence,
              (const ca_real(*)[CA_N])shares, likeliest, found);
-    gather(detector, &windows[CA_WINDOWS - 1], block, evidence[CA_WINDOWS - 1],
-           disturbances[CA_WINDOWS - 1], lacking[likeliest], recent, found);
+    gather(detector, &windows[GATHERED], block, evidence[GATHERED], disturbances[GATHERED],
+           (const ca_real(*)[CA_N])lacking, likeliest, recent, found);
 }
 
 /* Set, for the first rotor of each named arm, the evidence that it has failed, less that of its
