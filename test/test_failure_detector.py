@@ -941,7 +941,7 @@ def test_a_rotor_may_give_at_most_what_it_gave_of_late(peak, most):
     error = (0.16 * 0.16 * np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.04])) ** 2
     wide = variance + most**2 * error
     ratio = density(lacked[0] - most * own, wide) - density(lacked[0], variance)
-    excess = ratio - 0.5 * np.log((own / wide) @ own / 6.25)
+    excess = ratio - 0.5 * np.log((own / wide) @ own / 6.25) + 1.0
     expected = max(push, excess) if most else push
     assert most < 0.5 or excess > push
     np.testing.assert_allclose(found.disturbance, expected, rtol=1e-9)
@@ -1000,7 +1000,7 @@ def test_a_rotor_that_would_lack_more_than_it_has_is_named_later(known):
     pushed = find(age, lacked, given, lateral, variance, *UNKNOWN, known=known)
     assert pushed.named == ()
     assert pushed.disturbance > pushed.evidence[2] + 3.0 > 23.0
-    assert pushed.leads[2] == (-15.0 if known else 0.0)
+    assert pushed.leads[2] == (-30.0 if known else 0.0)
     age, lacked, given, lateral, variance = windows(rng, lost=1.0)
     leads, names = pushed.leads, []
     for _ in range(200):
@@ -1016,10 +1016,10 @@ def test_soon_after_a_loss_only_its_own_arm_gathers_a_lead():
     # Rotor 1 of x8 has failed, and its partner is rotor 2; what others owe, they pay back.
     before, zero = np.array([1.0, 1.0, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(8)
     partners = Vehicle.load('x8').partners
-    later = [gathered(before, 0.32, rotor * 18.0, zero, 0.0, partners, [0]) for rotor in np.eye(8)]
+    later = [gathered(before, 0.16, rotor * 18.0, zero, 0.0, partners, [0]) for rotor in np.eye(8)]
     np.testing.assert_array_equal(np.diag(later), [19.0, 19.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert later[2][3] == -1.0
-    assert gathered(before, 0.32, 18.0 * np.eye(8)[2], zero, 0.0, partners)[2] == 19.0
+    assert gathered(before, 0.16, 18.0 * np.eye(8)[2], zero, 0.0, partners)[2] == 19.0
 
 
 def test_a_rotor_that_a_disturbance_leads_far_is_named_later():
@@ -1027,7 +1027,7 @@ def test_a_rotor_that_a_disturbance_leads_far_is_named_later():
     find, rng = HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR)), np.random.default_rng(0)
     age, lacked, given, lateral, variance = windows(rng, lost=0.8)
     lacked[0, 5] += 0.04
-    for owed, least in ((0.0, -4.0), (-4.0, -4.0), (-15.0, -15.0)):
+    for owed, least in ((0.0, -8.0), (-8.0, -8.0), (-15.0, -15.0)):
         leads = np.array([0.0, 0.0, owed, 0.0, 0.0, 0.0])
         pushed = find(age, lacked, given, lateral, variance, *UNKNOWN[:3], leads, 0.01)
         assert pushed.named == ()
@@ -1045,7 +1045,7 @@ def test_an_arm_is_named_for_a_weak_rotor_whose_partner_owes_a_lead():
     find, given = HypothesisTest(vehicle, wrenches), 2.0 * 0.16 * wrenches[None]
     variance = np.array([[1e-3, 1e-3, 1e-3, 1e-6, 1e-6, 0.01]])
     found = find(
-        np.array([0.16]), -0.4 * given[:, :, 0], given, np.zeros((1, 2)), variance, np.ones(8),
+        np.array([0.16]), -0.33 * given[:, :, 0], given, np.zeros((1, 2)), variance, np.ones(8),
         np.zeros(8), np.full(8, 9.0), np.array([4.0, -8.0, *np.zeros(6)]), 0.01)
     assert found.lasting
     assert (found.named, found.arms) == ((0, 1), ((0, 1),))

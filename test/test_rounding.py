@@ -160,10 +160,12 @@ SHARED = {
         **{name: getattr(hypothesis_test, name) for name in (
             'THRUST_ERROR', 'DRAG_LOST', 'TELLING')},
         **{name: getattr(naming, name) for name in (
-            'CLEAR_LOSS', 'WEAK_LOSS', 'ASKED', 'ODDS', 'MARGIN', 'SEEN', 'PAIR_ODDS', 'NEAR')},
-        **{name: getattr(leads, name) for name in ('LASTING', 'EXCESS', 'DOUBT', 'DEBT')},
+            'CLEAR_LOSS', 'WEAK_LOSS', 'ASKED', 'ODDS', 'MARGIN', 'SEEN', 'PAIR_ODDS')},
+        **{name: getattr(leads, name) for name in (
+            'LASTING', 'GATHERED', 'EXCESS', 'DOUBT', 'DEBT', 'SMALL_DEBT')},
         **{name: getattr(pairs, name) for name in ('LEAST_LOSS', 'MOST_LOSS', 'ALIKE', 'PAIRED')},
         'CONTACT': disturbances.CONTACT, 'LIMIT': losses.LIMIT, 'PRIOR': losses.PRIOR,
+        'GIVING': losses.GIVING, 'NEAR': losses.NEAR,
         **{name: getattr(motion_test, name) for name in ('RECENT', 'KEPT')},
         **{name: getattr(suspicion, name) for name in ('CONFIRMATIONS', 'SUSPICION', 'PATIENCE')},
         'TOTAL': belief_changes.TOTAL,

@@ -197,9 +197,9 @@ class HypothesisTest:
         margin = max(float(evidence[rotor]), name.evidence) - disturbance
         lasting = bool(not name.rotors and self.naming.lasts(case, leads))
         if lasting:
-            rotor, window = int(leads.argmax()), at
-            margin = float(steadily[rotor]) - steady
-            share = min(losses.raw[window, rotor], health[rotor])
+            rotor = int(leads.argmax())
+            margin, window = float(steadily[rotor]) - steady, losses.telling_window(rotor)
+            share = losses.shares[window, rotor]
             name = self.naming.name(rotor, share, np.where(health > 0.0, steadily, -np.inf))
         return Finding(
             evidence, disturbance, rotor, margin, name.rotors, name.arms, name.lost, name.angle,

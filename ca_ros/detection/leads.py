@@ -8,8 +8,8 @@ names a rotor.  A loss changes the trim, so while it is learnt again, no other r
 A push down on the end of an arm begins with more than a rotor can lack, and lets the rotor owe
 `DEBT`: later, when the controller has answered, or the vehicle has turned under the push, the
 same push may look like a loss.  So may one that looked like none before: where a disturbance leads
-a rotor by `LIMIT`, the rotor owes `LASTING`, and none owes more once a suspicion lasts for longer
-than a push.
+a rotor by `LIMIT`, the rotor owes `SMALL_DEBT`, and none owes more once a suspicion lasts for
+longer than a push.
 """
 
 from collections.abc import Sequence
@@ -20,12 +20,14 @@ from ca_ros.arrays import Array
 from ca_ros.detection.losses import LIMIT
 from ca_ros.detection.windows import WINDOWS
 
-LASTING = 5.0  # lead that a weak rotor gathers, from which it is named
+LASTING = 4.0  # lead that a weak rotor gathers, from which it is named
 GATHERED = 2  # the window in which leads are gathered, of `WINDOWS`
 
-EXCESS, DOUBT, DEBT = 1.2, 3.0, 15.0
+EXCESS, DOUBT, DEBT = 1.2, 3.0, 30.0
 """A rotor that would lack so much of its health, in the window in which a disturbance is likeliest
 and leads it by `DOUBT`, owes a lead of `DEBT` before it is named: it gives no more than it has."""
+
+SMALL_DEBT = 8.0  # lead that a rotor owes which a disturbance led far
 
 
 def gathered(
@@ -64,5 +66,5 @@ def owed(
     """
     doubt = np.where(evidence > LIMIT, disturbance - evidence, 0.0)
     excess = (doubt > DOUBT) & (shares > EXCESS * health)
-    owes = np.where(excess, DEBT, np.where(doubt > LIMIT, LASTING, -np.inf))
+    owes = np.where(excess, DEBT, np.where(doubt > LIMIT, SMALL_DEBT, -np.inf))
     return np.minimum(leads, -owes)

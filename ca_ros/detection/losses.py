@@ -13,6 +13,12 @@ PRIOR = 6.25
 """The share lost is taken as uniform from 0 to 1.  Its likelihood has an integral of
 sqrt(2 pi / information); 2 pi is rounded."""
 
+NEAR = 0.5  # evidence of windows that show the share lost, over that of the best
+
+GIVING = 1.0
+"""Evidence, if there is any, for a rotor that gives more than commanded: one whose speed is stuck
+has nearly the wrench of the loss of the opposite one."""
+
 
 @dataclass(frozen=True, eq=False)
 class Losses:
@@ -29,6 +35,16 @@ class Losses:
     shares: Array
     raw: Array
     errors: Array
+
+    def telling_window(self, rotor: int) -> int:
+        """Return the window that shows how much a rotor lost.
+
+        Of those that show its loss, it is the one with the greatest share: longer ones began
+        before the loss.
+        """
+        evidence = self.evidence[:, rotor]
+        likely = evidence >= NEAR * evidence.max()
+        return int(np.where(likely, self.shares[:, rotor], -1.0).argmax())
 
 
 def least_shares(ages: Array, given: Array, peaks: Array) -> Array:
@@ -71,6 +87,6 @@ def losses_of(
     ratios = (wider / variance[:, :, None]).prod(axis=1) * np.maximum(1.0, norm / PRIOR)
     explained = seen[:, None] - rest + shares * (2.0 * product - shares * norm)
     each, less = 0.5 * (explained - np.log(ratios)), first > 0.0
-    excess = np.where(first < 0.0, each, 0.0).max(axis=1)
+    excess = np.where(first < 0.0, np.where(each > 0.0, each + GIVING, each), 0.0).max(axis=1)
     return Losses(
         np.where(less, each, 0.0), excess, np.where(less, shares, 0.0), raw, errors)

@@ -12,7 +12,7 @@ from ca_ros.detection.pairs import PAIRED, likeliest_pair
 from ca_ros.detection.stuck_servos import StuckServo
 from ca_ros.vehicle.vehicle import Vehicle
 
-CLEAR_LOSS = 0.5  # least share of its thrust that a rotor lost which is named at once
+CLEAR_LOSS = 0.35  # least share of its thrust that a rotor lost which is named at once
 LEAST_TURN = 0.25  # least change of force over thrust of a rotor whose servo sticks
 WEAK_LOSS = 0.3  # least share lost, in one of the windows, by a rotor that leads for long
 
@@ -28,9 +28,7 @@ ODDS = 5.3
 MARGIN = 4.0
 """Lead of the evidence over that of a disturbance."""
 
-NEAR = 0.5  # evidence of windows that show the share lost, over that of the best
-
-SEEN = 12.0  # evidence, where leads are gathered, of a weak rotor that leads for long
+SEEN = 15.0  # evidence, where leads are gathered, of a weak rotor that leads for long
 
 PAIR_ODDS = 1.0  # lead of a pair from which a rotor alone is not named
 
@@ -110,8 +108,7 @@ class Naming:
             clear = leads_all and servo.share >= LEAST_TURN
             name = Name((rotor,), health[[rotor]], angle=servo.angle) if clear else Name()
             return name, servo.window
-        likely = losses.evidence[:, rotor] >= NEAR * best
-        window = int(np.where(likely, losses.shares[:, rotor], -1.0).argmax())
+        window = losses.telling_window(rotor)
         share = losses.shares[window, rotor]
         clear = share >= CLEAR_LOSS * health[rotor] and case.asked[window, rotor]
         if not leads_all or not clear or leads[rotor] < 0.0:

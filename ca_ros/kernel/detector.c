@@ -22,7 +22,7 @@
 #define FLOOR CA_REAL(0.3)
 #define OUTLIER CA_REAL(9.0)
 #define LEARNT CA_REAL(0.95)
-#define CLEAR_LOSS CA_REAL(0.5)
+#define CLEAR_LOSS CA_REAL(0.35)
 #define LEAST_LOSS CA_REAL(0.4)
 #define MOST_LOSS CA_REAL(1.3)
 #define ALIKE CA_REAL(0.7)
@@ -38,13 +38,15 @@
 #define TELLING CA_REAL(6.5)
 #define MARGIN CA_REAL(4.0)
 #define CONTACT CA_REAL(4.0)
-#define LASTING CA_REAL(5.0)
+#define LASTING CA_REAL(4.0)
 #define GATHERED 2
-#define SEEN CA_REAL(12.0)
+#define SEEN CA_REAL(15.0)
 #define EXCESS CA_REAL(1.2)
 #define DOUBT CA_REAL(3.0)
-#define DEBT CA_REAL(15.0)
+#define DEBT CA_REAL(30.0)
+#define SMALL_DEBT CA_REAL(8.0)
 #define PRIOR CA_REAL(6.25)
+#define GIVING CA_REAL(1.0)
 #define PAIR_ODDS CA_REAL(1.0)
 #define PAIRED CA_REAL(0.1)
 #define NEAR CA_REAL(0.5)
@@ -549,15 +551,33 @@ static ca_real of_disturbances(const ca_detector_model *model, const ca_block *w
     return evidence;
 }
 
+/* The window that shows how much a rotor lost: of those that show its loss, the one with the
+ * greatest share, since longer ones began before. */
+static int telling_window(const ca_real evidence[CA_WINDOWS][CA_N],
+                          const ca_real shares[CA_WINDOWS][CA_N], int rotor)
+{
+    ca_real best = 0, share = -1;
+    int window = 0;
+    for (int t = 0; t < CA_WINDOWS; t++)
+        best = ca_max(best, evidence[t][rotor]);
+    for (int t = 0; t < CA_WINDOWS; t++)
+        if (evidence[t][rotor] >= NEAR * best && shares[t][rotor] > share) {
+            share = shares[t][rotor];
+            window = t;
+        }
+    return window;
+}
+
 /* Gather how far each rotor leads all else in one window; name one that leads for long.
  * Nothing is gathered while the trim is not known: in the beginning of a flight, and by others
- * than a `recent` loss.  A rotor that lacks more than it has, in the window where a disturbance is
- * `likeliest`, gets a debt, and a smaller one if a disturbance leads it far. */
+ * than a `recent` loss.  A rotor that lacks more than it has, `lacking` where a disturbance is
+ * likeliest, gets a debt, and a smaller one if a disturbance leads it far. */
 static void gather(const ca_detector *detector, const ca_block *window, ca_real block,
-                   const ca_real *evidence, ca_real disturbance,
-                   const ca_real lacking[CA_WINDOWS][CA_N], int likeliest, const int *recent,
-                   finding *found)
+                   const ca_real evidences[CA_WINDOWS][CA_N],
+                   const ca_real shares[CA_WINDOWS][CA_N], ca_real disturbance,
+                   const ca_real *lacking, const int *recent, finding *found)
 {
+    const ca_real *evidence = evidences[GATHERED];
     const ca_detector_model *model = detector->model;
     const int n = ROTORS(model);
     int top = 0;
@@ -576,9 +596,9 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
         const ca_real after = before + block / WINDOWS[GATHERED] * lead;
         found->leads[i] = ca_max(ca_min(after, most), ca_min(before, 0));
         const ca_real doubt = found->disturbance - found->evidence[i];
-        const int excess = lacking[likeliest][i] > EXCESS * found->levels[i] && doubt > DOUBT;
+        const int excess = lacking[i] > EXCESS * found->levels[i] && doubt > DOUBT;
         if (found->evidence[i] > LIMIT && (excess || doubt > LIMIT))
-            found->leads[i] = ca_min(found->leads[i], excess ? -DEBT : -LASTING);
+            found->leads[i] = ca_min(found->leads[i], excess ? -DEBT : -SMALL_DEBT);
         top = found->leads[i] > found->leads[top] ? i : top;
     }
     if (found->names || !(found->leads[top] > LASTING && evidence[top] > SEEN) ||
@@ -586,9 +606,9 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
         return;
     const int partner = partner_of(model, top);
     found->rotor = top;
-    found->window = GATHERED;
+    found->window = telling_window(evidences, shares, top);
     found->lasting = 1;
-    name(found, top, ca_min(lacking[GATHERED][top], found->levels[top]), partner,
+    name(found, top, shares[found->window][top], partner,
          partner >= 0 && found->levels[partner] > 0 &&
              evidence[top] - evidence[partner] <= ODDS);
 }
@@ -658,13 +678,8 @@ static void name_now(const ca_detector *detector, const ca_block *windows,
             find_pair(detector, &windows[likeliest], variance[likeliest], bound, found);
         return;
     }
-    /* The greatest share of all windows that show it: longer ones began before the loss. */
-    ca_real share = -1;
-    for (int t = 0; t < CA_WINDOWS; t++)
-        if (evidence[t][rotor] >= NEAR * best && shares[t][rotor] > share) {
-            share = shares[t][rotor];
-            found->window = t;
-        }
+    found->window = telling_window(evidence, shares, rotor);
+    const ca_real share = shares[found->window][rotor];
     const int partner = partner_of(detector->model, rotor);
     for (int i = 0; i < n; i++)
         leads &= i == rotor || i == partner || best - found->evidence[i] > ODDS;
@@ -708,7 +723,8 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
             evidence[t][i] = each.raw < 0 ? 0 : each.evidence;
             found->evidence[i] = ca_max(found->evidence[i], evidence[t][i]);
             if (each.raw < 0)
-                disturbances[t] = ca_max(disturbances[t], each.evidence);
+                disturbances[t] = ca_max(
+                    disturbances[t], each.evidence > 0 ? each.evidence + GIVING : each.evidence);
         }
         if (disturbances[t] > found->disturbance) {
             found->disturbance = disturbances[t];
@@ -717,8 +733,9 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
     }
     name_now(detector, windows, variance, (const ca_real(*)[CA_N])evidence,
              (const ca_real(*)[CA_N])shares, likeliest, found);
-    gather(detector, &windows[GATHERED], block, evidence[GATHERED], disturbances[GATHERED],
-           (const ca_real(*)[CA_N])lacking, likeliest, recent, found);
+    gather(detector, &windows[GATHERED], block, (const ca_real(*)[CA_N])evidence,
+           (const ca_real(*)[CA_N])shares, disturbances[GATHERED], lacking[likeliest], recent,
+           found);
 }
 
 /* Set, for the first rotor of each named arm, the evidence that it has failed, less that of its
@@ -1201,7 +1218,7 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
     /* A disturbance that lasts is no push. */
     if (detector->waited >= PATIENCE)
         for (int i = 0; i < n; i++)
-            detector->leads[i] = ca_max(detector->leads[i], -LASTING);
+            detector->leads[i] = ca_max(detector->leads[i], -SMALL_DEBT);
     test(detector, windows, block, (const ca_real(*)[6])variance, recent, &found);
     ca_copy(n, found.leads, detector->leads);
     ca_real score = found.disturbance;
