@@ -331,6 +331,15 @@ def test_a_gap_is_said_and_not_flown():
         'command, gyro, attitude, velocity: nothing from 1.99 s on, for 30.01 s')
 
 
+def test_a_clock_that_is_set_in_flight_is_refused(tmp_path, capsys):
+    _, recording, _ = recorded()
+    times = recording.times['gyro'] + 1.7e9 * (recording.times['gyro'] > 2.0)
+    values = {name: each for name, each in recording.values.items() if name != 'acc'}
+    np.savez(tmp_path / 'flight.npz', t=times, **values)
+    assert main(['replay', str(tmp_path / 'flight.npz'), 'hexarotor_realistic']) == 1
+    assert 'was its clock set meanwhile?' in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(('share', 'notes'), [(0.98, 0), (1.02, 1)])
 def test_a_gap_is_said_where_the_observer_does_not_continue(share, notes):
     vehicle, recording, _ = recorded()

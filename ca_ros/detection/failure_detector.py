@@ -47,11 +47,12 @@ class FailureDetector:
     should have given, and with disturbances; rotors that three tests in a row name have failed.
 
     While nothing is suspected, the mean disturbance, the drag and the noise are learnt.  Nothing
-    is tested until the motors have settled after the first command, and in the first 0.3 s of a
-    flight that begins in mid-air, or after `reset`; in its first 2 s its trim adds a variance.
+    is tested until the motors have settled after the first command, and for 0.3 s more where a
+    flight begins in mid-air, or after `reset`; in its first 2 s its trim adds a variance.
 
     `command`, `measure`, `observe` and `announce` raise a ValueError if there is another number of
-    numbers, or one is not finite or out of bounds; it has then entered nothing.
+    numbers, or one is not finite or absurdly large; it has then entered nothing.  Commands beyond
+    the bounds of the vehicle are clipped to them, as motors do.
 
     Where the speeds of the rotors are measured, `SlowRotors` finds those that do not follow their
     commands.

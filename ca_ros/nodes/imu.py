@@ -28,7 +28,7 @@ class Imu:
     ) -> None:
         self.used, self._mode, self._diagnostics = used, mode, diagnostics
         self._forces, self._standby = SpecificForces(), Standby(vehicle.gravity)
-        self._late = False
+        self._late = self._wrong = False
         self._check = ForceCheck(vehicle)
         self.command = self._check.command
 
@@ -58,6 +58,11 @@ class Imu:
         if self.used and self._forces.time is None:
             return f', no {topics.IMU} either'
         return f' ({self.fault})' if self.fault else ''
+
+    def turns_wrong(self) -> bool:
+        """Return whether it has just shown that its specific force is wrong, used until now."""
+        before, self._wrong = self._wrong, bool(self._check.fault)
+        return self._wrong and not before
 
     def level(self, stated: bool) -> Level | None:
         """Return what is wrong with it, or with the states; `stated`: whether one has come."""

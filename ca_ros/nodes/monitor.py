@@ -261,6 +261,9 @@ class MonitorNode(Node):
                 self._ahead = time
                 return
         force = self._imu.force(self._observed, time)
+        if self._imu.turns_wrong() and not any(self.detector.evidence):
+            # What was learnt with a wrong force hides failures.
+            self.detector.reset()
         _, attitude = messages.pose_arrays(pose)
         if self._imu.alone:
             self._interrupt()

@@ -18,6 +18,7 @@ from ca_ros.vehicle.state import GAP
 from ca_ros.vehicle.vehicle import Vehicle
 
 MOST = 0.8  # quantile of the differences that counts: most of a flight is hover
+LONGEST = 86400.0  # of a flight [s]
 CLEARLY = 2.0  # ratio of the differences of two readings
 FORCE_WINDOW = 0.5  # in which specific forces are compared [s]
 FORCE_OFF = 5.0  # how far a specific force in the right unit may be off [m/s^2]
@@ -181,7 +182,12 @@ def check(vehicle: Vehicle, recording: Recording, source: str = 'command') -> li
             continue
         used = [recording.times[name] for name in (*names, 'acc') if name in recording.values]
         used.append(times)
-        edges = np.arange(max(each[0] for each in used), min(each[-1] for each in used), window)
+        start, end = max(each[0] for each in used), min(each[-1] for each in used)
+        if end - start > LONGEST:
+            raise ParameterError(
+                f'{recording.name}: times from {start:g} to {end:g} s: expected one flight, of a '
+                'day at most; was its clock set meanwhile?')
+        edges = np.arange(start, end, window)
         flies = np.interp(edges[1:], times, lift) >= IN_AIR * vehicle.weight
         for each in used:
             flies &= np.diff(np.searchsorted(each, edges)) > 0
