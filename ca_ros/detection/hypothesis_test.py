@@ -187,20 +187,20 @@ class HypothesisTest:
             lacked, variance, own, lateral, health, np.isin(np.arange(n), list(arms)),
             self.naming.asked(ages, own, usual, health), losses, evidence, disturbance, known)
         name, window = self.naming.now(case, rotor, likeliest, servo, leads)
-        steadily = losses.evidence[at]
+        for_leads = losses.evidence[at]
         steady = max(float(disturbances[at]), 0.0)
         if known:
-            leads = gathered(leads, block, steadily, servos, steady, self.partners, recent)
+            leads = gathered(leads, block, for_leads, servos, steady, self.partners, recent)
             leads = owed(leads, losses.raw[likeliest], health, evidence, disturbance)
         else:
             leads = np.zeros(n)
         margin = max(float(evidence[rotor]), name.evidence) - disturbance
-        lasting = bool(not name.rotors and self.naming.lasts(case, leads))
+        lasting = bool(not name.rotors and self.naming.lasts(case, leads, at))
         if lasting:
             rotor = int(leads.argmax())
-            margin, window = float(steadily[rotor]) - steady, losses.telling_window(rotor)
+            margin, window = float(for_leads[rotor]) - steady, losses.telling_window(rotor)
             share = losses.shares[window, rotor]
-            name = self.naming.name(rotor, share, np.where(health > 0.0, steadily, -np.inf))
+            name = self.naming.name(rotor, share, np.where(health > 0.0, for_leads, -np.inf))
         return Finding(
             evidence, disturbance, rotor, margin, name.rotors, name.arms, name.lost, name.angle,
             window, leads, lasting, losses.raw[-1], losses.errors[-1])

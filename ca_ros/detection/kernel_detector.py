@@ -76,7 +76,10 @@ class KernelDetector:
 
     @property
     def order(self) -> list[int]:
-        """The how many-th name that of each rotor is, the same in one test; 0: it has none."""
+        """The number of the name of each rotor, from 1, in the order of naming; 0: not named.
+
+        Rotors that are named in one test share a number.
+        """
         return [order for _, order, *_ in self._kernel.failures()]
 
     @property

@@ -16,8 +16,8 @@ sqrt(2 pi / information); 2 pi is rounded."""
 NEAR = 0.5  # evidence of windows that show the share lost, over that of the best
 
 GIVING = 1.0
-"""Evidence, if there is any, for a rotor that gives more than commanded: one whose speed is stuck
-has nearly the wrench of the loss of the opposite one."""
+"""What is added to positive evidence for a rotor that gives more than commanded: if its speed is
+stuck, it has nearly the wrench that the loss of the opposite rotor has."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +87,6 @@ def losses_of(
     ratios = (wider / variance[:, :, None]).prod(axis=1) * np.maximum(1.0, norm / PRIOR)
     explained = seen[:, None] - rest + shares * (2.0 * product - shares * norm)
     each, less = 0.5 * (explained - np.log(ratios)), first > 0.0
-    excess = np.where(first < 0.0, np.where(each > 0.0, each + GIVING, each), 0.0).max(axis=1)
+    excess = np.where((first < 0.0) & (each > 0.0), each + GIVING, 0.0).max(axis=1)
     return Losses(
         np.where(less, each, 0.0), excess, np.where(less, shares, 0.0), raw, errors)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.detection.leads import GATHERED, LASTING
+from ca_ros.detection.leads import LASTING
 from ca_ros.detection.losses import LIMIT, Losses
 from ca_ros.detection.pairs import PAIRED, likeliest_pair
 from ca_ros.detection.stuck_servos import StuckServo
@@ -119,10 +119,12 @@ class Naming:
             name = self.name(rotor, share, case.evidence)
         return name, window
 
-    def lasts(self, case: Case, leads: Array) -> bool:
-        """Return whether the rotor that has gathered most (n,) is named for it."""
+    def lasts(self, case: Case, leads: Array, at: int) -> bool:
+        """Return whether the rotor that has gathered most (n,) is named for it.
+
+        `at`: the window in which leads are gathered.
+        """
         top, losses = int(leads.argmax()), case.losses
-        at = min(GATHERED, len(losses.evidence) - 1)
         weak = losses.raw[:, top].max() >= WEAK_LOSS * case.health[top]
         seen = leads[top] > LASTING and losses.evidence[at, top] > SEEN
         return bool(seen and weak and case.asked[at, top])

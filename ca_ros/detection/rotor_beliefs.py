@@ -36,7 +36,7 @@ class RotorBeliefs:
     - `delivered` (n,): share of its thrust that each rotor gives
     - `found` (n,): probability of each failure that was found, 0 for the others
     - `since`: when it was found [ns], or None
-    - `order`: the how many-th name it is, the same in one test; 0: none
+    - `order`: the number of its name, from 1, which rotors of one test share; 0: none
     - `evidence`: what it was found by
     - `angles`: by rotor, from 0, where its servo was found to stick [rad]
     - `arms`: the named arms, and for each how many tests in a row tell the same rotor of it:

@@ -722,9 +722,8 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
             shares[t][i] = ca_max(each.share, 0);
             evidence[t][i] = each.raw < 0 ? 0 : each.evidence;
             found->evidence[i] = ca_max(found->evidence[i], evidence[t][i]);
-            if (each.raw < 0)
-                disturbances[t] = ca_max(
-                    disturbances[t], each.evidence > 0 ? each.evidence + GIVING : each.evidence);
+            if (each.raw < 0 && each.evidence > 0)
+                disturbances[t] = ca_max(disturbances[t], each.evidence + GIVING);
         }
         if (disturbances[t] > found->disturbance) {
             found->disturbance = disturbances[t];

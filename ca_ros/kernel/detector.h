@@ -84,7 +84,7 @@ typedef struct {
     ca_real probabilities[CA_N + 1]; /* that each rotor has failed, and of a disturbance */
     int64_t since[CA_N];     /* when each failure was found [ns] */
     int evidence[CA_N];      /* what it was found by: an enum ca_evidence */
-    int order[CA_N];         /* the how many-th name it is, the same in one test; 0: none */
+    int order[CA_N];         /* the number of its name, shared in one test; 0: none */
     int suspect;             /* the rotor that may be failing now, counted from 0, or -1 */
     int standing;            /* whether the vehicle stands: then nothing is detected */
 
