@@ -1,4 +1,4 @@
-"""The tables of the detector: docs/scripts/detection.py fills those of both pages."""
+"""The tables of the detector, with which docs/scripts/detection.py fills both pages."""
 
 import re
 import sys
@@ -9,6 +9,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'docs' / 'scripts'))
 import detection
 import pages
+from detection_page import page_tables, read
 
 
 def marks(text):
@@ -19,7 +20,7 @@ def marks(text):
 def layout(text, mark):
     """Return titles, and the first cell of each row, of the tables of a marked part."""
     return [([*rows[0]], [next(iter(row.values())) for row in rows])
-            for rows in detection.read(text, mark)]
+            for rows in read(text, mark)]
 
 
 @pytest.fixture(scope='module')
@@ -47,23 +48,23 @@ def test_the_marks_of_both_pages_are_those_of_the_script(results):
         end + name.replace('_', ' ') for name in names for end in ('', 'end of '))
     page = detection.PAGE.read_text(encoding='utf-8')
     found = [mark for mark in marks(page) if not mark.startswith(('end of ', 'needs', 'long'))]
-    assert found == [name.replace('_', ' ') for name in detection.page_tables(results)]
+    assert found == [name.replace('_', ' ') for name in page_tables(results)]
 
 
 def test_the_page_has_what_the_results_say(results):
     page = detection.PAGE.read_text(encoding='utf-8')
     text = page
-    for name, content in detection.page_tables(results).items():
+    for name, content in page_tables(results).items():
         text = pages.filled(text, name.replace('_', ' '), content)
     assert text == page
 
 
 def test_other_results_make_another_page(results):
     row = r'(\| `hexarotor` \| total \| )(\S+)(.*?\| )(\d+)(/)'  # how many are named, and right
-    before = detection.page_tables(results)
-    after = detection.page_tables(re.sub(row, r'\g<1>1/402:\3\4\5', results, count=1))
+    before = page_tables(results)
+    after = page_tables(re.sub(row, r'\g<1>1/402:\3\4\5', results, count=1))
     assert [name for name in before if before[name] != after[name]] == []
-    after = detection.page_tables(re.sub(row, r'\1\2\g<3>17\5', results, count=1))
+    after = page_tables(re.sub(row, r'\1\2\g<3>17\5', results, count=1))
     assert [name for name in before if before[name] != after[name]] == ['losses']
     assert '| `hexarotor` | 17/402 |' in after['losses']
 
@@ -79,10 +80,10 @@ def test_a_small_trial_has_the_same_tables(name, results, trial, capsys):
     mark = name.replace('_', ' ')
     found = trial(name)
     assert layout(found, mark) == layout(results, mark)
-    assert detection.read(found, mark) != detection.read(results, mark)
+    assert read(found, mark) != read(results, mark)
     assert '--publish' not in found.split(f'<!-- {mark} -->')[1].split('\n|')[0]
     others = [each for each in marks(results) if each != mark and not each.startswith('end of ')]
-    assert all(detection.read(found, each) == detection.read(results, each) for each in others)
+    assert all(read(found, each) == read(results, each) for each in others)
     assert capsys.readouterr().err == ''
 
 
@@ -93,7 +94,7 @@ def test_what_cannot_be_flown_stays_and_is_said(results, trial, capsys):
 
 def test_an_incomplete_set_of_real_flights_is_said(results):
     [sound], [propellers] = (
-        detection.read(results, name) for name in ('real flights', 'propellers'))
+        read(results, name) for name in ('real flights', 'propellers'))
     found = {name: {row: [None] * 100}
              for name, row in (each['set'].partition(', ')[::2] for each in sound)}
     for row in propellers:

@@ -56,10 +56,9 @@ def _blocks(first: int, count: int) -> list[range]:
 def _jobs(options: argparse.Namespace) -> list[tuple[Callable[[Any], Any], tuple[Any, ...]]]:
     """Return what is to be flown: a function, and its argument."""
     first = PUBLISHED if options.publish else options.first
-    flights = round(options.hours * 3600.0 / DURATION)
-    contacts, acting, after = (
-        round(h * 3600.0 / DURATION)
-        for h in (options.mujoco, options.acting, options.afterwards))
+    flights, contacts, acting, after = (
+        round(each * 3600.0 / DURATION)
+        for each in (options.hours, options.mujoco, options.acting, options.afterwards))
     losses, reallocated = (-(-each // len(POOLED)) for each in (options.losses, options.flights))
     most = max(flights, contacts, acting, after, losses, reallocated)
     if not options.publish and first + most > TUNING:
@@ -105,14 +104,10 @@ def tables_of(found: Found) -> Iterator[tuple[str, str]]:
     counts: dict[str, dict[str, Count]] = {}
     kinds: dict[tuple[str, ...], list[Outcome]] = {}
     totals: dict[tuple[str, ...], list[Outcome]] = {}
-    ways = {key: part for key, part in found.items() if key[2] in WAYS}
     for (vehicle, name, loss), part in found.items():
-        if loss in (*WAYS, ACTING, AFTERWARDS):
-            continue
         if not loss:
             counts.setdefault(vehicle, {})[name] = part
-            continue
-        if name in POOLED:
+        if loss in LOSSES and name in POOLED:
             kinds[vehicle, loss] = kinds.get((vehicle, loss), []) + part
         if loss == 'total':
             totals[vehicle, 'after a take-off' if name in TAKE_OFF else name] = part
@@ -125,12 +120,13 @@ def tables_of(found: Found) -> Iterator[tuple[str, str]]:
     if totals:
         yield 'Total losses, by condition', tables.names(
             dict(sorted(totals.items())), ('vehicle', 'condition'))
-    if ways:
-        yield 'Flights with the health told to the allocator', tables.goes_on(ways, WAYS)
-    for kind, title in ((ACTING, 'without a failure'), (AFTERWARDS, 'after a loss')):
-        acts = {key: part for key, part in found.items() if key[2] == kind}
-        if acts:
-            yield f'Flights {title} that act on each name', tables.acted(acts)
+    for ways, title, made in (
+        (WAYS, 'with the health told to the allocator', tables.goes_on),
+        ([ACTING], 'without a failure that act on each name', tables.acted),
+        ([AFTERWARDS], 'after a loss that act on each name', tables.acted),
+    ):
+        if flights := {key: part for key, part in found.items() if key[2] in ways}:
+            yield f'Flights {title}', made(flights)
 
 
 def parser_of_options() -> argparse.ArgumentParser:

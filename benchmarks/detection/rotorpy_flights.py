@@ -93,11 +93,6 @@ def fly(setup: Setup, seed: int, duration: float, rotor: int | None = None) -> R
     return rows
 
 
-def check() -> None:
-    """Raise a RuntimeError if rotorpy is missing, or has another version."""
-    import_module('adapter')
-
-
 def setup_of(seed: int) -> Setup:
     """Return the set-up of a seed: the vehicles take turns."""
     told = {'motor_time_constant': LAG, 'delay': DELAY}

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.detection.flights import POOLED, Count, Outcome
-from benchmarks.detection.reallocation import Acted, Flown
+from benchmarks.detection.reallocation import WAYS, Acted, Flown
 
 
 def rate(events: int, hours: float) -> str:
@@ -28,30 +28,20 @@ def _short(x: float) -> str:
     return f'{x:.0f}' if x >= 99.5 else f'{x:.1f}'
 
 
-def _pooled(counts: Mapping[str, Count]) -> Count:
-    total = Count()
-    for name in POOLED:
-        if name in counts:
-            total.hours += counts[name].hours
-            total.alarms += counts[name].alarms
-    return total
-
-
 def alarms(found: Mapping[str, Mapping[str, Count]]) -> str:
     """Return the table of false alarms an hour, a vehicle a row."""
     names = list(dict.fromkeys(name for counts in found.values() for name in counts))
     pool = set(POOLED) <= set(names)
-    head = ['vehicle', *names, *(['pooled'] if pool else []), 'alarms', 'hours', 'turned over']
+    head = ['vehicle', *names, *['pooled'] * pool, 'alarms', 'hours', 'turned over']
     rows = []
     for vehicle, counts in found.items():
-        cells = [rate(counts[name].alarms, counts[name].hours) for name in names]
-        if pool:
-            total = _pooled(counts)
-            cells.append(rate(total.alarms, total.hours))
-        cells.append(', '.join(str(counts[name].alarms) for name in names))
-        cells.append(', '.join(f'{counts[name].hours:.2f}' for name in names))
-        cells.append(str(sum(count.overturned for count in counts.values())))
-        rows.append([f'`{vehicle}`', *cells])
+        own = [counts[name] for name in names]
+        total = [sum((counts[name] for name in POOLED), Count())] if pool else []
+        rows.append([
+            f'`{vehicle}`', *(rate(each.alarms, each.hours) for each in [*own, *total]),
+            ', '.join(str(each.alarms) for each in own),
+            ', '.join(f'{each.hours:.2f}' for each in own),
+            str(sum(each.overturned for each in own))])
     return table(head, rows)
 
 
@@ -59,15 +49,12 @@ def contacts(found: Mapping[str, Mapping[str, Count]]) -> str:
     """Return the table of landings, take-offs and pushes with an alarm."""
     rows = []
     for vehicle, counts in found.items():
-        every = list(counts.values())
-        landings, pushes = (sum(getattr(each, name) for each in every)
-                            for name in ('landings', 'pushes'))
+        count = sum(counts.values(), Count())
         rows.append([
             f'`{vehicle}`',
-            share(sum(each.landing_alarms for each in every), landings) if landings else '',
-            str(sum(each.takeoff_alarms for each in every)) if landings else '',
-            share(sum(each.push_alarms for each in every), pushes) if pushes else '',
-        ])
+            share(count.landing_alarms, count.landings) if count.landings else '',
+            str(count.takeoff_alarms) if count.landings else '',
+            share(count.push_alarms, count.pushes) if count.pushes else ''])
     head = ['vehicle', 'landings with an alarm [%]', 'alarms in take-off',
             'pushes with an alarm [%]']
     return table(head, rows)
@@ -82,13 +69,10 @@ def names(found: Mapping[tuple[str, ...], Sequence[Outcome]], labels: Sequence[s
             'of these the partner', 'median [ms]', '90 % [ms]', 'alarms before']
     rows = []
     for key, outcomes in found.items():
-        total = len(outcomes)
         rows.append([
             f'`{key[0]}`', *key[1:],
-            share(sum(bool(each.named) for each in outcomes), total),
-            share(sum(each.arm for each in outcomes), total),
-            share(sum(each.right for each in outcomes), total),
-            share(sum(each.wrong for each in outcomes), total),
+            *(share(sum(bool(getattr(each, name)) for each in outcomes), len(outcomes))
+              for name in ('named', 'arm', 'right', 'wrong')),
             str(sum(each.same_arm for each in outcomes)),
             *(quantile(outcomes, q) for q in (0.5, 0.9)),
             str(sum(each.early for each in outcomes)),
@@ -96,7 +80,7 @@ def names(found: Mapping[tuple[str, ...], Sequence[Outcome]], labels: Sequence[s
     return table(head, rows)
 
 
-def goes_on(found: Mapping[tuple[str, ...], Sequence[Flown]], ways: Sequence[str]) -> str:
+def goes_on(found: Mapping[tuple[str, ...], Sequence[Flown]]) -> str:
     """Return the table of flights that go on; keys have vehicle, condition, way.
 
     *Arms* counts those that the detector names, those of which it tells the rotor, and how often
@@ -104,14 +88,14 @@ def goes_on(found: Mapping[tuple[str, ...], Sequence[Flown]], ways: Sequence[str
     """
     rows = []
     for vehicle, name in dict.fromkeys(key[:2] for key in found):
-        flights = [found[vehicle, name, way] for way in ways]
+        flights = [found[vehicle, name, way] for way in WAYS]
         rows.append([
             f'`{vehicle}`', name,
             *(share(sum(each.flies for each in own), len(own)) for own in flights),
             _arms(found[vehicle, name, 'detected']), *(_spread(own) for own in flights),
         ])
-    head = ['vehicle', 'condition', *(f'{way}: fly on [%]' for way in ways), 'arms, told, wrong',
-            *(f'{way}: tilt, drop' for way in ways)]
+    head = ['vehicle', 'condition', *(f'{way}: fly on [%]' for way in WAYS), 'arms, told, wrong',
+            *(f'{way}: tilt, drop' for way in WAYS)]
     return table(head, rows)
 
 

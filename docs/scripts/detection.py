@@ -8,33 +8,30 @@ as they are; so do the sentences of both pages.
 import argparse
 import re
 import shlex
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from itertools import chain
 from math import ceil
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
+from detection_page import page_tables, read
 from pages import DOCS, fill
-
-from ca_ros.studies.tables import table
 
 sys.path.append(str(DOCS.parent))
 from benchmarks.detection import own_plant, real_flights, rotorpy_flights, tables
 from benchmarks.detection.__main__ import Found, parser_of_options, pool_of, run, tables_of
-from benchmarks.detection.flights import DURATION, POOLED, PUBLISHED, VEHICLES
+from benchmarks.detection.flights import DURATION, POOLED, PUBLISHED, VEHICLES, Count, Outcome
 from benchmarks.detection.reallocation import WAYS
 
 HOURS = 3.4  # of a vehicle and a condition, as published; the other plants go with it
 RESULTS, PAGE = DOCS.parent / 'benchmarks' / 'detection' / 'results.md', DOCS / 'detection.md'
 OUT = DOCS.parent / 'out' / 'detection'
 MINUTES, LOSSES = 120, 100  # in rotorpy
-
-Rows = list[dict[str, str]]
-"""The rows of a table of a page: cells by title."""
 
 
 class NotHereError(Exception):
@@ -54,11 +51,11 @@ def by_sensors(found: Sequence[Found]) -> str:
         for each in found:
             landings, pushes, sharp = (
                 each[vehicle, name, ''] for name in ('landings', 'pushes', 'aggressive'))
-            soon = each[vehicle, 'landings', 'total']
+            soon, *_ = named(each[vehicle, 'landings', 'total'])
             parts.append((
                 f'{landings.landing_alarms}/{landings.landings}',
-                f'{pushes.push_alarms}/{pushes.pushes}', str(sharp.alarms), *named(each, vehicle),
-                f'{sum(outcome.arm for outcome in soon)}/{len(soon)}'))
+                f'{pushes.push_alarms}/{pushes.pushes}', str(sharp.alarms),
+                *named(pooled(each, vehicle, 'total', [])), soon))
         rows.append((f'`{vehicle}`', *('; '.join(cells) for cells in zip(*parts, strict=True))))
     titles = ('vehicle', 'landings with an alarm', 'pushes with an alarm', 'aggressive, alarms',
               'arm right', 'wrong', 'median, 90 % [ms]', 'after a take-off')
@@ -69,36 +66,37 @@ def without_states(found: Sequence[Found]) -> str:
     """Return the table of a detector whose states stop."""
     rows = []
     for vehicle in VEHICLES:
-        pooled = [found[0][vehicle, name, ''] for name in POOLED]
-        landings = found[0][vehicle, 'landings', '']
+        sound, landings = pooled(found[0], vehicle, '', Count()), found[0][vehicle, 'landings', '']
         rows.append((
-            f'`{vehicle}`', str(sum(each.alarms for each in pooled)),
-            f'{sum(each.hours for each in pooled):.2f}',
-            f'{landings.landing_alarms}/{landings.landings}', *named(found[0], vehicle)))
+            f'`{vehicle}`', str(sound.alarms), f'{sound.hours:.2f}',
+            f'{landings.landing_alarms}/{landings.landings}',
+            *named(pooled(found[0], vehicle, 'total', []))))
     titles = 'vehicle', 'alarms', 'hours', 'landings with an alarm', 'arm right', 'wrong'
     return tables.table((*titles, 'median, 90 % [ms]'), rows)
-
-
-def named(found: Found, vehicle: str) -> tuple[str, str, str]:
-    """Return how many total losses are named right and wrong, and the times."""
-    outcomes = list(chain.from_iterable(found[vehicle, name, 'total'] for name in POOLED))
-    return (
-        f'{sum(each.arm for each in outcomes)}/{len(outcomes)}',
-        str(sum(each.wrong for each in outcomes)),
-        ', '.join(tables.quantile(outcomes, q) for q in (0.5, 0.9)))
 
 
 def partly_lost(found: Sequence[Found]) -> str:
     """Return the table of the quadrotor's flights with a weak rotor, one for each share left."""
     rows = []
     for words, each in zip(PARTS['left'].variants, found, strict=True):
-        flights = [
-            [flight for name in POOLED for flight in each['quadrotor', name, way]]
-            for way in WAYS[:-1]]
+        flights = (pooled(each, 'quadrotor', way, []) for way in WAYS[:-1])
         fly_on = (f'{sum(flight.flies for flight in own)}/{len(own)}' for own in flights)
         rows.append(('`quadrotor`', f'{100.0 * float(words.split()[1]):.0f} %', *fly_on))
     first, *others = WAYS[:-1]
     return tables.table(('vehicle', 'left', f'{first}: fly on', *others), rows)
+
+
+def pooled(found: Found, vehicle: str, kind: str, nothing: Any) -> Any:
+    """Return what was found of a kind in the conditions that are added, from nothing on."""
+    return sum((found[vehicle, name, kind] for name in POOLED), nothing)
+
+
+def named(outcomes: Sequence[Outcome]) -> tuple[str, str, str]:
+    """Return how many losses are named right and wrong, and the times."""
+    return (
+        f'{sum(each.arm for each in outcomes)}/{len(outcomes)}',
+        str(sum(each.wrong for each in outcomes)),
+        ', '.join(tables.quantile(outcomes, q) for q in (0.5, 0.9)))
 
 
 @dataclass(frozen=True)
@@ -182,33 +180,29 @@ def fly_other(
 ) -> dict[str, str]:
     """Fly one of `OTHERS`; return what the marked parts of results.md get.
 
-    Raises a `NotHereError` if this is not possible here.
+    Raises a `NotHereError` or a ModuleNotFoundError if this is not possible here.
     """
+    first: int | None = 0 if trial else PUBLISHED
+    more = {}
     if name == 'own_plant':
-        every, seeds = max(1, round(1.0 / share)), max(1, round(share))
-        text = own_plant.run(pool.map, seeds, every)
+        every, seeds, first = max(1, round(1.0 / share)), max(1, round(share)), own_plant.FIRST
         line = f'`python -m benchmarks.detection.own_plant --seeds {seeds}`'
-        line += f', one failure in {every}' if every > 1 else ''
-        return {name: f'{line}{flown_with(own_plant.FIRST)}\n\n{text}'}
-    if name == 'rotorpy':
-        try:
-            rotorpy_flights.check()
-        except RuntimeError as error:
-            raise NotHereError(error) from None
-        first = 0 if trial else PUBLISHED
-        minutes, losses = (max(len(VEHICLES), ceil(share * each)) for each in (MINUTES, LOSSES))
-        text = rotorpy_flights.run(pool, minutes, losses, first)
+        line += f', one failure in {every}' * (every > 1)
+        text = own_plant.run(pool.map, seeds, every)
+    elif name == 'rotorpy':
         line = '`python docs/scripts/detection.py --only rotorpy'
         line += f'{f" --hours {HOURS * share:g}" * (share != 1.0)}`'
-        return {name: f'{line}{flown_with(first)}\n\n{text}'}
-    if clones is None:
+        minutes, losses = (max(len(VEHICLES), ceil(share * each)) for each in (MINUTES, LOSSES))
+        text = rotorpy_flights.run(pool, minutes, losses, first or 0)
+    elif clones is None:
         raise NotHereError('needs --flights')
-    found = real_flights.run(pool, clones, DOCS.parent / 'out' / 'real_flights')
-    if missing := fewer(found):
-        raise NotHereError(f'flights that are published are missing: {", ".join(missing)}')
-    line = '`python docs/scripts/detection.py --only real_flights --flights FOLDER`'
-    sound, propellers = real_flights.tables_of(found)
-    return {name: f'{line}{flown_with(None)}\n\n{sound}', 'propellers': propellers}
+    else:
+        found, first = real_flights.run(pool, clones, DOCS.parent / 'out' / 'real_flights'), None
+        if missing := fewer(found):
+            raise NotHereError(f'flights that are published are missing: {", ".join(missing)}')
+        line = '`python docs/scripts/detection.py --only real_flights --flights FOLDER`'
+        text, more['propellers'] = real_flights.tables_of(found)
+    return {name: f'{line}{flown_with(first)}\n\n{text}', **more}
 
 
 def fewer(found: Mapping[str, Mapping[str, Sequence[object]]]) -> list[str]:
@@ -223,191 +217,6 @@ def fewer(found: Mapping[str, Mapping[str, Sequence[object]]]) -> list[str]:
             for name, row, count, flights in counts if count < flights]
 
 
-def read(text: str, mark: str) -> list[Rows]:
-    """Return the tables of a marked part of a page."""
-    [part] = re.findall(rf'<!-- {mark} -->\n(.*?)<!-- end of {mark} -->', text, re.DOTALL)
-    found = []
-    for lines in re.findall(r'(?:^\|.*\n)+', part, re.MULTILINE):
-        titles, _, *rows = (
-            [cell.strip() for cell in line.strip('|').split('|')] for line in lines.splitlines())
-        found.append([dict(zip(titles, row, strict=True)) for row in rows])
-    return found
-
-
-def total(cells: Iterator[str] | Sequence[str]) -> tuple[int, int]:
-    """Return the sum of cells such as ``3/402: 0.7 [0.2, 2.2]``: events and trials."""
-    pairs = [tuple(map(int, cell.split(':')[0].split('/'))) for cell in cells]
-    return sum(pair[0] for pair in pairs), sum(pair[1] for pair in pairs)
-
-
-def of(cells: Iterator[str] | Sequence[str]) -> str:
-    """Return the sum of such cells in words."""
-    return '{} of {}'.format(*total(cells))
-
-
-def column(rows: Rows, title: str, **where: str) -> list[str]:
-    """Return the cells of a column, in the rows where others have certain values."""
-    found = [row[title] for row in rows if all(row[key] == each for key, each in where.items())]
-    if not found:
-        raise ValueError(f'no row with {where}')
-    return found
-
-
-def summed(rows: Rows, title: str) -> float:
-    """Return the sum of a column whose cells may have several numbers."""
-    return sum(float(each) for cell in column(rows, title) for each in cell.split(', '))
-
-
-def alarms_of(rows: Rows) -> str:
-    """Return alarms and hours of a table of false alarms."""
-    hours = summed(rows, 'hours')
-    return f'{summed(rows, "alarms"):.0f} in {hours:.{0 if hours > 9.95 else 1}f} h'
-
-
-def false_alarms(results: str) -> str:
-    """Return the page's table of false alarms."""
-    [pooled], (_, landings), (_, pushes), [late] = (
-        read(results, name) for name in ('pooled', 'landings', 'pushes', 'latency'))
-    take_off = int(summed(landings, 'alarms in take-off'))
-    pushed = [total([cell]) for cell in column(pushes, 'pushes with an alarm [%]')]
-    return table(('false alarms, all five vehicles', ''), [
-        ('usual, turbulence of 4 to 8 m/s, aggressive at 9 m/s', alarms_of(pooled)),
-        ('landings, wind up to 5 m/s',
-         f'{of(column(landings, "landings with an alarm [%]"))}; {take_off or "no"} '
-         f'alarm{"s" * (take_off > 1)} in take-off'),
-        ('pushes of 0.3 m g for 0.1 to 1 s',
-         f'{of(column(pushes, "pushes with an alarm [%]"))}: '
-         f'{", ".join(str(alarms) for alarms, _ in pushed)} of {pushed[0][1]} in the order below'),
-        ('10 ms of age and delay told, 20 ms true', alarms_of(late)),
-    ], 2)
-
-
-def losses(results: str) -> str:
-    """Return the page's table of losses."""
-    (whole, conditions), [kinds] = (read(results, name) for name in ('total', 'kinds'))
-    right = 'arm right [%]'
-    rows = []
-    for row in whole:
-        name = {'vehicle': row['vehicle']}
-        [soon] = column(conditions, right, condition='after a take-off', **name)
-        [half], [fades] = (column(kinds, right, failure=kind, **name) for kind in ('50 %', 'fade'))
-        [median] = column(kinds, 'median [ms]', failure='50 %', **name)
-        cells = row[right], row['wrong [%]'], soon, half, fades
-        lost, wrong, soon, half, fades = (cell.split(':')[0] for cell in cells)
-        times = f'{row["median [ms]"]}, {row["90 % [ms]"]}'
-        rows.append(
-            (row['vehicle'], lost, wrong.split('/')[0], times, soon, f'{half}, {median}', fades))
-    return table(('', 'all thrust lost: arm right within 2 s', 'wrong', 'median, 90 % [ms]',
-                  'soon after a take-off', 'half lost: arm right, median [ms]', 'fades of 2 s'),
-                 rows, len(rows[0]))
-
-
-def elsewhere(results: str) -> str:
-    """Return the page's table of other plants, sensors and failures."""
-    landings, losses, right, wrong = (
-        'landings with an alarm', 'arm right', 'named right [%]', 'wrong')
-    _, in_mujoco = read(results, 'mujoco')
-    free, lost = read(results, 'rotorpy')
-    [sensors], [stopped], [kinds], [ours] = (
-        read(results, name) for name in ('imu', 'stopped', 'kinds', 'own plant'))
-    rows = [
-        ("landings on MuJoCo's contacts", of(column(in_mujoco, f'{landings} [%]')), '', ''),
-        ('behind rotorpy', alarms_of(free), of(column(lost, 'arm right [%]')),
-         str(total(column(lost, 'wrong [%]'))[0])),
-    ]
-    words = ('without an accelerometer', 'on the same seeds with it (`--imu`)',
-             'it and angular velocity alone (`--imu alone`)')
-    for i, name in enumerate(words):
-        each = [{key: cell.split('; ')[i] for key, cell in row.items() if '; ' in cell}
-                for row in sensors]
-        rows.append((
-            name, f'{of(column(each, landings))} landings, '
-            f'{of(column(each, "pushes with an alarm"))} pushes, '
-            f'{summed(each, "aggressive, alarms"):.0f} in aggressive flight',
-            of(column(each, losses)), f'{summed(each, wrong):.0f}'))
-    rows.append((
-        'from 2 s after states stop (`--imu stopped`)',
-        f'{of(column(stopped, landings))} landings, {alarms_of(stopped)} of flight',
-        of(column(stopped, losses)), f'{summed(stopped, wrong):.0f}'))
-    rows.append((
-        'a rotor whose speed is stuck', '', of(column(kinds, 'arm right [%]', failure='stuck')),
-        str(total(column(kinds, 'wrong [%]', failure='stuck'))[0])))
-    failures = [
-        ('on the plant of ca_ros, two rotors at once', {'failure': 'two at once'}),
-        ('one, and another a second later', {'failure': 'one, then another'}),
-        ('a servo of `hexarotor_tilting` sticks',
-         {'failure': 'servo sticks', 'vehicle': '`hexarotor_tilting`'}),
-        ('a servo of `tricopter` sticks', {'failure': 'servo sticks', 'vehicle': '`tricopter`'})]
-    rows += [
-        (name, '', of(column(ours, right, **where)),
-         str(sum(map(int, column(ours, wrong, **where)))))
-        for name, where in failures]
-    return table(('other flights', 'false alarms', 'named right', 'another named'), rows, 4)
-
-
-def way_back(results: str) -> str:
-    """Return the page's table of flights that go on."""
-    [told], [left] = read(results, 'told'), read(results, 'left')
-    rows = []
-    for vehicle in dict.fromkeys(column(told, 'vehicle')):
-        counts = [total(column(told, f'{way}: fly on [%]', vehicle=vehicle)) for way in WAYS]
-        rows.append((f'{vehicle}, of {counts[0][1]}', *(str(flights) for flights, _ in counts)))
-    for row in left:
-        counts = [total([row[each]]) for each in (f'{WAYS[0]}: fly on', *WAYS[1:-1])]
-        rows.append((f'{row["vehicle"]}, {row["left"]} left, of {counts[0][1]}',
-                     *(str(flights) for flights, _ in counts), ''))
-    return table(('flights that go on', 'loss, told after 0.1 s', 'loss, as detected',
-                  'nothing told', 'a loss told that is none', 'the same for 1 s'), rows, 6)
-
-
-SHOWN = {
-    'NanoBench': ('NanoBench', 'Crazyflie 2.1'),
-    'indiflight': ('indiflight, by measured speeds', '5 inch quadrotor'),
-    'data-driven-system-identification': ('data-driven-system-identification', 'Crazyflie'),
-    'ACSL': ('ACSL', 'X8'),
-    'CrazyPAD, whole propellers': ('CrazyPAD, whole propellers', 'Crazyflie 2.1'),
-}
-"""Sets of real flights on the page, and their vehicles."""
-
-
-def real(results: str) -> str:
-    """Return the page's table of real flights, and what it says of cut propellers."""
-    [found], [propellers] = read(results, 'real flights'), read(results, 'propellers')
-    phases = 'alarms: launch', 'flight', 'landing'
-    rows = []
-    for key, (name, vehicle) in SHOWN.items():
-        [row] = (row for row in found if row['set'] == key)
-        taken = of([row['taken rotors named right [%]']])
-        median = row['median, 90 % [ms]'].split(',')[0]
-        wrong = row['wrong'] if row['wrong'] != '0' else 'none'
-        rows.append((
-            name, vehicle, f'{row["in the air [s]"]} s, {row["flights"]} flights',
-            ', '.join(row[phase] for phase in phases),
-            f'{"arms, " * (vehicle == "X8")}{taken}, median {median} ms, {wrong} wrong',
-            row['warnings of the lag']))
-    titles = ('set', 'vehicle', 'in the air', 'alarms: launch, flight, landing',
-              'taken rotors named right', 'warnings of the lag')
-    alarms = sum(int(row[phase]) for row in found for phase in phases)
-    seconds = summed(found, 'in the air [s]')
-    low, high = tables.rate(alarms, seconds / 3600.0).split('[')[1].strip(']').split(', ')
-    cut, most, weights = (
-        '{} of {}'.format(*(
-            sum(int(row[title]) for row in propellers if row['propellers'].startswith(words))
-            for title in ('rotor 3', 'flights')))
-        for words in ('rotor 3 cut', 'rotor 3 cut by 6.5', 'weights'))
-    words = (
-        f'Alarms: {alarms} in {seconds / 60.0:.0f} minutes, so {low} to {high} an hour. '
-        f"Of CrazyPAD's cut propellers\nrotor 3 is named first in {cut} flights, in {most} if "
-        f'both blades together lost more than 6 mm. Weights name\nrotor 3 in {weights}.')
-    return f'{table(titles, rows, len(titles))}\n\n{words}'
-
-
-def page_tables(results: str) -> dict[str, str]:
-    """Return the marked parts of docs/detection.md, made of results.md."""
-    made = real, way_back, false_alarms, losses, elsewhere
-    return {each.__name__: each(results) for each in made}
-
-
 def main(argv: Sequence[str] | None = None) -> None:
     """Fly, and fill the pages or their copies."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -419,20 +228,14 @@ def main(argv: Sequence[str] | None = None) -> None:
         help=f'tables: {", ".join([*PARTS, *OTHERS])}')
     add('--flights', type=Path, metavar='FOLDER',
         help='has the clones of python -m benchmarks.detection.real_flights --help')
-    add('--publish', action='store_true',
-        help='fly the seeds of what is published, and fill the pages, also in less than '
-        f'{HOURS} hours')
     options = parser.parse_args(argv)
     share = options.hours / HOURS
     if not share > 0.0:
         parser.error(f'--hours: expected a positive number, got {options.hours}')
-    trial = share < 1.0 and not options.publish
-    results, page = RESULTS, PAGE
+    trial, results, page = share < 1.0, RESULTS, PAGE
     if trial:
-        results, page = (OUT / path.name for path in (RESULTS, PAGE))
         OUT.mkdir(parents=True, exist_ok=True)
-        for path, copy in ((RESULTS, results), (PAGE, page)):
-            copy.write_text(path.read_text(encoding='utf-8'), encoding='utf-8')
+        results, page = (Path(shutil.copy(path, OUT)) for path in (RESULTS, PAGE))
     with pool_of(options.jobs) as pool:
         for name in options.only:
             begin = perf_counter()

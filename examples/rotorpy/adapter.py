@@ -17,13 +17,13 @@ VERSION = '3.0.0'
 
 
 def check_version() -> None:
-    """Raise a RuntimeError if another version of rotorpy is installed, or none."""
+    """Raise a ModuleNotFoundError if another version of rotorpy is installed, or none."""
     try:
         found = version('rotorpy')
     except PackageNotFoundError:
-        raise RuntimeError(f'rotorpy is missing: pip install rotorpy=={VERSION}') from None
+        raise ModuleNotFoundError(f'rotorpy is missing: pip install rotorpy=={VERSION}') from None
     if found != VERSION:
-        raise RuntimeError(f'rotorpy {found}: this adapter is for {VERSION}')
+        raise ModuleNotFoundError(f'rotorpy {found}: this adapter is for {VERSION}')
 
 
 check_version()
