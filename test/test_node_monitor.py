@@ -564,6 +564,51 @@ def test_an_imu_serves_alone_after_states_have_stopped_until_they_return(graph):
     assert 0.1 < (vehicle.plant.elapsed - failed) / 1e9 < 0.6
 
 
+def test_the_log_says_that_states_have_returned_when_they_have_and_not_before(graph):
+    graph.start(
+        'monitor', '--vehicle', 'hexarotor', '--ros-args',
+        '-p', 'detector.imu_position:=[0.05, 0.0, 0.02]', '-p', 'command_timeout:=2.0',
+        '-p', INSTANT)
+    graph.connect('monitor')
+    vehicle, diagnostics = Imu(graph, '2@1000'), Diagnostics(graph)
+    log = graph.listen(Log, '/rosout')
+    stopped, returned = 'states have stopped: imu serves alone', 'states have returned'
+
+    def count(words):
+        return sum(line.msg == words for line in log)
+
+    def says(words, states):
+        def met(_, message, __):
+            for _ in range(4):
+                vehicle.fly(states=states)
+            return message == words
+
+        return met
+
+    diagnostics.wait('monitor', says('on the ground', states=True), 'states count')
+    graph.spin_until(lambda: count('no state for 2 s'), 'a timeout')
+    diagnostics.wait('monitor', says(stopped, states=False), 'the imu serves alone')
+    graph.spin_until(lambda: count(stopped), 'a line in the log')
+    assert count(returned) == 0
+    diagnostics.wait('monitor', says('on the ground', states=True), 'states count')
+    graph.spin_until(lambda: count(returned), 'a line in the log')
+    assert (count(stopped), count(returned)) == (1, 1)
+
+
+def test_an_imu_that_comes_without_its_place_is_said_once(graph):
+    log = graph.listen(Log, '/rosout')
+    graph.start('monitor', '--vehicle', 'hexarotor', '--ros-args', '-p', INSTANT)
+    graph.connect('monitor')
+    diagnostics, words = Diagnostics(graph), 'comes, but is not used: detector.imu_position'
+    diagnostics.wait('monitor', lambda *status: 'imu' not in status[2], 'no imu')
+    graph.publisher(sensor_msgs.Imu, 'imu')
+    for _ in range(2):
+        diagnostics.wait(
+            'monitor', lambda *status: words in status[2].get('imu', ''), 'an imu comes')
+    graph.spin_until(lambda: any(words in line.msg for line in log), 'a line in the log')
+    assert sum(words in line.msg for line in log) == 1
+
+
 @pytest.mark.parametrize(('given', 'times'), [([], 1), (['-p', INSTANT], 0)])
 def test_a_monitor_without_a_lag_says_so_at_its_start_and_on_diagnostics(
         graph, given, times, capfd):

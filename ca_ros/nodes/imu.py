@@ -11,7 +11,9 @@ from ca_ros.nodes.mode import RealTime
 from ca_ros.vehicle.state import STATE_MAX
 from ca_ros.vehicle.vehicle import Vehicle
 
+ALONE = f'states have stopped: {topics.IMU} serves alone'
 AHEAD = f'{topics.IMU} {ahead_by(LATE)}; failures may be named later'
+UNUSED = 'comes, but is not used: detector.imu_position, its place, is not set'
 
 Sample = tuple[int, Array, tuple[Array, Array], Array]
 """Stamp [ns], attitude (4,), velocity and angular velocity (3,), specific force (3,)."""
@@ -69,7 +71,7 @@ class Imu:
         if self.fault:
             return WARN, self.fault
         if self.alone and stated:
-            return WARN, f'states have stopped: {topics.IMU} serves alone'
+            return WARN, ALONE
         return (WARN, AHEAD) if self._late else None
 
     def values(self) -> dict[str, object]:

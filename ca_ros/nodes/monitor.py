@@ -23,7 +23,7 @@ from ca_ros.nodes.detector_words import failures_found, not_acted_on, values_of
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.found_health import FoundHealth
-from ca_ros.nodes.imu import Imu
+from ca_ros.nodes.imu import ALONE, UNUSED, Imu
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.rclpy_internals import given_parameters
 from ca_ros.nodes.stream import Streams
@@ -89,7 +89,8 @@ class MonitorNode(Node):
         if self._no_lag:
             self.get_logger().warning(self._no_lag)
         self.watchdog = CommandWatch(
-            self, self.parameters, self.diagnostics, 'state', missing=self._missing)
+            self, self.parameters, self.diagnostics, 'state', missing=self._missing,
+            replaced=lambda: self._imu.alone)
         self.streams = Streams(self, self._mode, self.diagnostics.drop, self._counts)
         self.streams.subscribe_commands(self._receive_command, self._bounds)
         held = topics.HELD_HEALTH
@@ -157,11 +158,19 @@ class MonitorNode(Node):
             what = 'state with a new stamp'
         return f'no {what}{self._imu.missing()}'
 
+    def _unused_imu(self) -> dict[str, object]:
+        """Return what to say of an Imu that comes without its position; log it once."""
+        name = self.resolve_topic_name(topics.IMU)
+        if self._imu.used or not self.count_publishers(name):
+            return {}
+        self.get_logger().warning(f'{topics.IMU}: {UNUSED}', once=True)
+        return {topics.IMU: UNUSED}
+
     def _values(self) -> dict[str, object]:
         total = self._lag_check.total
         return {
             **self.belief.values(), **self._counts, **self._imu.values(),
-            **values_of(self.detector, self.found.withheld),
+            **self._unused_imu(), **values_of(self.detector, self.found.withheld),
             'lag and delay of motors [ms]': 'unknown' if total is None else f'{1e3 * total:.0f}',
         }
 
@@ -234,6 +243,8 @@ class MonitorNode(Node):
         elif sample is not None and self._imu.alone and not self._imu.fault:
             if not before:
                 self._interrupt()
+                if self._stated is not None:
+                    self.get_logger().warning(ALONE)
             self._take(*sample)
 
     def _observe(self) -> None:
@@ -269,6 +280,9 @@ class MonitorNode(Node):
             self._interrupt()
         motion = messages.twist_arrays(velocity)
         if self._take(time, attitude, motion, force):
+            # After a timeout the watchdog says it.
+            if self._imu.alone and self._stated is not None and not self.watchdog.expired:
+                self.get_logger().info('states have returned')
             self._stated = time
             self._imu.hear(time, attitude, motion[0])
 

@@ -60,17 +60,18 @@ class CommandWatch(Watchdog):
 
     `awaited`: what the node cannot work without.  `fall_back`: does a timeout action, at each
     check after the timeout.  `missing`: returns what logs and diagnostics say is missing.
+    `replaced`: returns whether the node works on with something else, of which it says itself.
     """
 
     def __init__(
         self, node: Node, parameters: Parameters, diagnostics: Diagnostics,
         awaited: str = 'command', fall_back: Callable[[str], None] = lambda _: None,
-        missing: Callable[[], str] | None = None,
+        missing: Callable[[], str] | None = None, replaced: Callable[[], bool] = lambda: False,
     ) -> None:
         super().__init__()
         self._node, self._parameters, self._counts = node, parameters, diagnostics.counts
         self._awaited, self._fall_back = awaited, fall_back
-        self._missing = missing or (lambda: f'no {awaited}')
+        self._missing, self._replaced = missing or (lambda: f'no {awaited}'), replaced
 
     @property
     def timeout(self) -> float:
@@ -92,7 +93,7 @@ class CommandWatch(Watchdog):
                 self._counts['timeouts'] += 1
                 self._node.get_logger().error(f'{self._text(f" for {self.timeout:g} s")}')
             self._fall_back(self.action)
-        elif before:
+        elif before and not self._replaced():
             self._node.get_logger().info(f'{self._awaited}s have returned')
 
     def levels(self, state: Callable[[], Level]) -> list[Level]:
