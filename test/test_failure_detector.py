@@ -1,6 +1,7 @@
 """Unannounced rotor failures: detected, named, flown on with; and what is none."""
 
 import re
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 
@@ -15,7 +16,7 @@ from ca_ros.detection.hypothesis_test import HypothesisTest
 from ca_ros.detection.kernel_detector import KernelDetector, packed
 from ca_ros.detection.lag_check import LagCheck
 from ca_ros.detection.leads import gathered
-from ca_ros.detection.motor_model import CommandedRotors
+from ca_ros.detection.motor_model import CommandedRotors, settling_of
 from ca_ros.detection.naming import ODDS
 from ca_ros.detection.noise_estimator import UsualMotion
 from ca_ros.detection.stuck_servos import stuck_servos
@@ -131,8 +132,17 @@ def test_whoever_announces_one_rotor_of_an_arm_tells_which_one_has_failed():
 
 @pytest.mark.parametrize(('delay', 'milliseconds'), [(0.004, 84), (0.0045, 85), (0.0055, 86)])
 def test_half_a_millisecond_of_settling_is_rounded_up(delay, milliseconds):
-    detector = FailureDetector(HEXAROTOR, replace(SETTINGS, motor_time_constant=0.02, delay=delay))
-    assert detector.settling == milliseconds * 1_000_000
+    settings = replace(SETTINGS, motor_time_constant=0.02, delay=delay)
+    assert settling_of(settings) == milliseconds * 1_000_000
+
+
+def test_both_engines_have_the_same_public_names():
+    engines = both_engines(HEXAROTOR, SETTINGS)
+    for kernel in engines[1:]:
+        assert {each for each in dir(kernel) if each[0] != '_'} == {
+            each for each in dir(engines[0]) if each[0] != '_'}
+        with pytest.raises(TypeError, match='a KernelDetector cannot be copied'):
+            deepcopy(kernel)
 
 
 def test_both_engines_take_names_and_refuse_the_same():

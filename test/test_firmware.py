@@ -14,6 +14,7 @@ import yaml
 
 from ca_ros import AdmissibleSet, ParameterError, Status, Vehicle, make_allocator
 from ca_ros.allocation.exact_settings import POLICIES
+from ca_ros.detection.motor_model import settling_of
 from ca_ros.firmware import firmware as module
 from ca_ros.firmware import footprint, golden
 from ca_ros.firmware.command import checked, main
@@ -136,7 +137,7 @@ def test_the_detector_finds_the_same_failure_in_the_golden_flight(
     given = ['--vehicle', name, '--faults', 'none', '--out', str(out)]
     assert main([*given, '--precision', precision, '--detector']) == 0
     counts = reproduced(make(out, *arguments))
-    settled = detector_of(Vehicle.load(name), read(name)).settling // 10_000_000
+    settled = settling_of(detector_of(Vehicle.load(name), read(name)).settings) // 10_000_000
     assert counts[1::2] == [settled + STATES] * (len(counts) // 2)
     # The last state's health and certainty.
     last = (out / 'golden_flight.h').read_text(encoding='utf-8').split('{')[-2:]

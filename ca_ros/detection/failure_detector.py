@@ -126,11 +126,6 @@ class FailureDetector:
         return self._motion.testing
 
     @property
-    def settling(self) -> int:
-        """Time from the first command after which the speeds of the motors are known [ns]."""
-        return self._motion.settling
-
-    @property
     def since(self) -> list[int | None]:
         """When each rotor was found to have failed [ns]."""
         return self._beliefs.since
@@ -152,14 +147,6 @@ class FailureDetector:
     def suspect(self) -> int | None:
         """The rotor that may be failing now."""
         return self._motion.suspicion.suspect
-
-    @property
-    def margin(self) -> float:
-        """Lead of the evidence for what is named, or the likeliest rotor, over a disturbance.
-
-        In the last test in which something was suspected; a natural logarithm.
-        """
-        return self._motion.suspicion.margin
 
     @property
     def health(self) -> Array:
@@ -195,30 +182,6 @@ class FailureDetector:
         where others have flown the vehicle.
         """
         self._motion.observer.interrupt()
-
-    def model(self) -> dict[str, Array]:
-        """Return the numbers of ca_detector_model (ca_ros/kernel/detector.h) by name."""
-        vehicle, settings, motion = self.vehicle, self.settings, self._motion
-        find, usual, rotors = motion.hypotheses, motion.usual, motion.rotors
-        sound, curve = vehicle.intact, vehicle.curve
-        numbers = {
-            'rotors': vehicle.n, 'mass': vehicle.mass, 'weight': vehicle.weight,
-            'inertia': inertia_of(vehicle), 'wrenches': rotors.wrenches,
-            'segments': len(curve.rows), 'curve': curve.rows,
-            'least': rotors.bounds.least, 'greatest': rotors.bounds.greatest,
-            'thrust': sound.thrust_per_squared_speed / curve.coefficient,
-            'reverse_thrust': sound.reverse_thrust_per_squared_speed * curve.square,
-            'health': vehicle.health,
-            'time_constant': settings.motor_time_constant, 'delay': settings.delay,
-            'arms': vehicle.arms.T,
-            'partner': [-1 if each is None else each for each in find.partners],
-            'unit': find.unit, 'disturbance': find.disturbances.variances,
-            'gravity': vehicle.mass * vehicle.gravity, 'imu': motion.imu,
-            'lever': find.naming.lever, 'force_noise': usual.force_noise,
-            'noise': usual.noise, 'moving': motion.moving,
-            'jump': motion.observer.jump_max, 'balance': motion.observer.ground.limits,
-        }
-        return {name: np.array(value, float) for name, value in numbers.items()}
 
     def announce(self, health: ArrayLike, stuck: Mapping[int, float] | None = None) -> None:
         """Take what is announced, which replaces what was before; what was found holds.
@@ -300,3 +263,36 @@ class FailureDetector:
         if last is not None and 0 < time - last < GAP:
             self._slow.expect(time, self._motion.rotors.speeds)
         return changed
+
+
+def margin_of(detector: FailureDetector) -> float:
+    """Return the lead of the evidence for what is named, or the likeliest rotor.
+
+    Over a disturbance, in the last test in which something was suspected; a natural logarithm.
+    """
+    return detector._motion.suspicion.margin
+
+
+def model_of(detector: FailureDetector) -> dict[str, Array]:
+    """Return the numbers of ca_detector_model (ca_ros/kernel/detector.h) by name."""
+    vehicle, settings, motion = detector.vehicle, detector.settings, detector._motion
+    find, usual, rotors = motion.hypotheses, motion.usual, motion.rotors
+    sound, curve = vehicle.intact, vehicle.curve
+    numbers = {
+        'rotors': vehicle.n, 'mass': vehicle.mass, 'weight': vehicle.weight,
+        'inertia': inertia_of(vehicle), 'wrenches': rotors.wrenches,
+        'segments': len(curve.rows), 'curve': curve.rows,
+        'least': rotors.bounds.least, 'greatest': rotors.bounds.greatest,
+        'thrust': sound.thrust_per_squared_speed / curve.coefficient,
+        'reverse_thrust': sound.reverse_thrust_per_squared_speed * curve.square,
+        'health': vehicle.health,
+        'time_constant': settings.motor_time_constant, 'delay': settings.delay,
+        'arms': vehicle.arms.T,
+        'partner': [-1 if each is None else each for each in find.partners],
+        'unit': find.unit, 'disturbance': find.disturbances.variances,
+        'gravity': vehicle.mass * vehicle.gravity, 'imu': motion.imu,
+        'lever': find.naming.lever, 'force_noise': usual.force_noise,
+        'noise': usual.noise, 'moving': motion.moving,
+        'jump': motion.observer.jump_max, 'balance': motion.observer.ground.limits,
+    }
+    return {name: np.array(value, float) for name, value in numbers.items()}

@@ -13,6 +13,7 @@ from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import (
     FailureDetector,
     described,
+    model_of,
     settings_with_lag,
 )
 from ca_ros.kernel import extension
@@ -43,6 +44,10 @@ class KernelDetector:
     def __repr__(self) -> str:
         """Return the vehicle, the lag of its motors and what was found, in one line."""
         return described(self)
+
+    def __reduce__(self) -> str:
+        """Refuse to be copied or pickled."""
+        raise TypeError('a KernelDetector cannot be copied or pickled: a FailureDetector can')
 
     def announce(self, health: ArrayLike, stuck: Mapping[int, float] | None = None) -> None:
         """Take the announced health (n,), as `FailureDetector` does; no servo can stick."""
@@ -113,7 +118,7 @@ def packed(detector: FailureDetector, fields: dict[str, str]) -> Array | None:
     None if one has no room.  `fields`: the dimensions of each field of `ca_detector_model`, such
     as '[6][32]'.
     """
-    model, rows = detector.model(), []
+    model, rows = model_of(detector), []
     for name, dimensions in fields.items():
         numbers = model[name]
         row = np.zeros([int(size) for size in re.findall(r'\d+', dimensions)])

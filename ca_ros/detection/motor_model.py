@@ -19,6 +19,16 @@ HELD = 70_000_000
 is unknown; with commands at 12.5 Hz and less, sound rotors are named in aggressive flight."""
 
 
+def settling_of(settings: DetectorSettings, lag: float | None = None) -> int:
+    """Return the time after which the rotors follow a command [ns].
+
+    `lag`: time constant of the motors instead of that of the settings [s]
+    """
+    lag = max(settings.motor_time_constant if lag is None else lag, settings.servo_time_constant)
+    # It is in whole milliseconds, so that single precision does not change it.
+    return 1_000_000 * int(1e3 * (SETTLING * lag + settings.delay) + 0.5)
+
+
 class CommandedRotors:
     """Predicts what the rotors of a sound vehicle do.
 
@@ -43,9 +53,7 @@ class CommandedRotors:
         self._lag = s.motor_time_constant if lags is None else lags
         self._servos = ServoLag(s.servo_time_constant, s.servo_rate, vehicle)
         self._delay = round(s.delay * 1e9)
-        # It is in whole milliseconds, so that single precision does not change it.
-        lag = max(float(np.max(self._lag)), s.servo_time_constant)
-        self.settling = 1_000_000 * int(1e3 * (SETTLING * lag + s.delay) + 0.5)
+        self.settling = settling_of(s, float(np.max(self._lag)))
         self.known, self._unsettled, self._due = True, 0, TIME_MAX
         self.bounds = CommandBounds(vehicle)
         self._waiting: list[tuple[int, Array, Array]] = []

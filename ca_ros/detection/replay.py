@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.detection.acted_on import acted_on
 from ca_ros.detection.detector_settings import DetectorSettings
-from ca_ros.detection.failure_detector import FailureDetector
+from ca_ros.detection.failure_detector import FailureDetector, margin_of
 from ca_ros.detection.kernel_detector import Detector
 from ca_ros.detection.recorded_motion import Motion, held, motion_of
 from ca_ros.detection.rotor_beliefs import words_of
 from ca_ros.vehicle.formats.recording import Recording
+from ca_ros.vehicle.plausibility import IN_AIR
 from ca_ros.vehicle.state import GAP
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -118,9 +119,10 @@ def replay(
         tested[i], probabilities[i] = detector.testing, detector.probabilities
         lost = np.flatnonzero(detector.health < vehicle.health)
         if changed and len(lost):
+            margin = margin_of(detector) if isinstance(detector, FailureDetector) else np.nan
             named.append(Naming(
                 float(now - begin), tuple(lost.tolist()), detector.failed_arms,
-                tuple(detector.health[lost].tolist()), getattr(detector, 'margin', np.nan), '',
+                tuple(detector.health[lost].tolist()), margin, '',
                 bool(acted_on(detector).withheld)))
             detector.reset()
     commanded = held(recording, 'command', motion.times)
@@ -133,8 +135,14 @@ def replay(
     named = [
         replace(each, phase=str(phase)) for each, phase in zip(named, phases[at], strict=True)]
     carried = float(np.median(thrust[flying])) / vehicle.weight if flying.any() else np.nan
+    most = float(thrust[flying].max(initial=0.0)) / vehicle.weight
+    notes = list(motion.notes)
+    if flying.any() and most < IN_AIR:
+        notes.append(
+            f'command: in the air at most {100.0 * most:.2g} % of the thrust that carries the '
+            'weight: expected rad/s; if these are rev/s, multiply them by 2 pi')
     return Replay(
-        motion.times - begin, probabilities, named, motion.notes, phases, tested, carried)
+        motion.times - begin, probabilities, named, notes, phases, tested, carried)
 
 
 def landings(times: Array, flying: BoolArray, thrust: Array) -> BoolArray:

@@ -22,7 +22,7 @@ class Suspicion:
     - `leads` (n,): what each rotor has gathered; see `ca_ros.detection.leads`
     - `probabilities` (n + 1,): that each rotor has failed, and of a disturbance, in the last test;
       () without a suspicion
-    - `suspect` and `margin`: see `FailureDetector`
+    - `suspect`: see `FailureDetector`; `margin`: see `margin_of`
     """
 
     def __init__(self, n: int) -> None:

@@ -10,6 +10,7 @@ from ca_ros.arrays import Array
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.kernel_detector import KernelDetector, packed
+from ca_ros.detection.motor_model import settling_of
 from ca_ros.firmware.firmware import DTYPES
 from ca_ros.setting_names import check_given
 from ca_ros.settings import ParameterError, read, table
@@ -60,7 +61,7 @@ def golden_flight(detector: FailureDetector, precision: str) -> list[tuple[Array
         wrenches[:3, 0] / vehicle.mass, np.linalg.inv(inertia_of(vehicle)) @ wrenches[3:, 0]
     ]) * thrusts[0]
     noise = np.repeat([0.01, 0.005], 3)
-    motion, settled = np.zeros(6), -(-detector.settling // round(1e9 * STEP))
+    motion, settled = np.zeros(6), -(-settling_of(detector.settings) // round(1e9 * STEP))
     at_rest = np.array([0.0, 0.0, vehicle.gravity])
     flight: list[tuple[Array, ...]] = []
     for i in range(settled + STATES):

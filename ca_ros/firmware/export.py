@@ -14,7 +14,7 @@ import numpy as np
 from ca_ros import kernel
 from ca_ros.allocation.exact_settings import ExactSettings
 from ca_ros.allocation.rates import PERIOD_MAX
-from ca_ros.detection.failure_detector import FailureDetector
+from ca_ros.detection.failure_detector import FailureDetector, model_of
 from ca_ros.firmware import golden, literals, throttles
 from ca_ros.firmware.detector import golden_flight
 from ca_ros.firmware.firmware import DTYPES, LIMIT, Firmware
@@ -120,7 +120,7 @@ def write_detector(detector: FailureDetector, name: str, precision: str, out: Pa
     _copy(Path(__file__).with_name('templates'), ['check_detector.c'], out)
     model = {
         key: np.asarray(each, DTYPES[precision]).astype(float)
-        for key, each in detector.model().items()
+        for key, each in model_of(detector).items()
     }
     targets = {
         'detector_constants.h': f'{name}_detector.h',
