@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 from functools import cache, partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -290,8 +289,6 @@ def test_the_figure_has_rows_phases_names_and_injections(tmp_path):
     # The spike of 10 ms of rotor 5, in its row, is as high as its probability.
     spikes = [patch.get_path().vertices for patch in axes.patches if isinstance(patch, StepPatch)]
     assert max(each[:, 1].max() for each in spikes if each[:, 1].min() == 2.0) > 2.5
-    with pytest.raises(ParameterError, match=r'--figure a.gif: expected .*\.png, \.svg, \.pdf'):
-        replay_figure.draw(found, [], Path('a.gif'))
 
 
 def test_what_cannot_be_replayed_is_refused(tmp_path, capsys):
@@ -300,7 +297,43 @@ def test_what_cannot_be_replayed_is_refused(tmp_path, capsys):
     np.savez(tmp_path / 'flight.npz', t=time, command=np.full((301, vehicle.n), 250.0),
              gyro=np.zeros((301, 3)))
     assert main(['replay', str(tmp_path / 'flight.npz'), 'hexarotor']) == 1
-    assert 'expected a velocity, or a specific force' in capsys.readouterr().err
+    assert 'expected a velocity (vx, vy, vz), or a specific' in capsys.readouterr().err
+    # Before anything is read.
+    assert main(['replay', 'none.npz', 'hexarotor', '--figure', 'a.txt']) == 1
+    answer = '--figure a.txt: expected a name that ends with .png, .svg, .pdf'
+    assert answer in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('spoil', [
+    lambda content: b'', lambda content: b'hello', lambda content: content[: len(content) // 2],
+    lambda content: content[:200] + bytes(50) + content[250:]])
+def test_a_damaged_file_is_refused(spoil, tmp_path, capsys):
+    file = tmp_path / 'flight.npz'
+    np.savez(file, t=np.arange(99.0), gyro=np.zeros((99, 3)))
+    file.write_bytes(spoil(file.read_bytes()))
+    assert main(['replay', str(file), 'hexarotor']) == 1
+    words = f'ca_ros replay: {file}: damaged, or no npz file of numbers\n'
+    assert capsys.readouterr().err.endswith(words)
+
+
+@pytest.mark.parametrize('command', ['replay', 'identify'])
+def test_a_flight_of_one_row_is_refused(command, tmp_path, capsys):
+    _, recording, _ = recorded()
+    file = tmp_path / 'flight.npz'
+    np.savez(file, t=[0.0], **{name: each[:1] for name, each in recording.values.items()})
+    assert main([command, str(file), 'hexarotor_realistic']) == 1
+    words = 'flight.npz: command: 1 of 1 rows have a value: expected two or more'
+    assert words in capsys.readouterr().err
+
+
+def test_commands_in_turns_a_second_are_said_once():
+    vehicle, recording, _ = recorded()
+    slow = recording.with_stream('command', recording.values['command'] / (2.0 * np.pi))
+    motion = motion_of(vehicle, slow)
+    for _ in range(2):
+        found = replay(vehicle, slow, SETTINGS, motion, make_detector)
+        [note] = found.notes
+        assert re.fullmatch('command: in the air at most .* %.* rev/s, .* by 2 pi', note)
 
 
 @pytest.mark.parametrize(('stream', 'value', 'answer'), [
@@ -462,6 +495,20 @@ def test_what_is_missing_is_said_and_not_flown(name, kept, air, note):
     assert found.notes[0] == f'{name}: {note}'
     assert found.in_air == pytest.approx(air, abs=0.1)
     assert 0.0 < found.testing <= found.in_air
+
+
+@pytest.mark.parametrize('name', ['attitude', 'velocity', 'gyro', 'acc'])
+@pytest.mark.parametrize(('last', 'said'), [(298, False), (300, True)])
+def test_a_stream_that_is_frozen_in_the_air_is_said(name, last, said):
+    vehicle, recording, _ = recorded()
+    values = recording.values[name].copy()
+    values[200 : last + 1] = values[200]
+    found = motion_of(vehicle, recording.with_stream(name, values))
+    assert found.notes == said * [f'{name}: does not change from 2.00 s on, and for 1.00 s in all']
+    # What stands on the ground does not move.
+    commands = 0.1 * recording.values['command']
+    grounded = recording.with_stream('command', commands).with_stream(name, values)
+    assert not any('does not change' in note for note in motion_of(vehicle, grounded).notes)
 
 
 def test_commands_that_are_clipped_are_counted():

@@ -9,7 +9,7 @@ from ca_ros.arrays import Array
 from ca_ros.detection.inertial import InertialMotion, Standby
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.formats.recording import Recording
-from ca_ros.vehicle.plausibility import check, clipped, gaps, slow
+from ca_ros.vehicle.plausibility import check, clipped, frozen, gaps, slow
 from ca_ros.vehicle.state import GAP
 from ca_ros.vehicle.vehicle import Vehicle
 
@@ -38,6 +38,7 @@ def motion_of(vehicle: Vehicle, recording: Recording) -> Motion:
     """
     used = [name for name in recording.times if name != 'speed']
     notes = clipped(vehicle, recording) + check(vehicle, recording) + slow(recording, used)
+    notes += frozen(vehicle, recording, [name for name in used if name != 'command'])
     start, end = recording.span
     times = recording.times['gyro']
     times = times[(times >= start) & (times <= end)]
@@ -55,12 +56,14 @@ def motion_of(vehicle: Vehicle, recording: Recording) -> Motion:
         return _stood_by(
             vehicle, recording, Motion(times, attitude, velocity, gyro, force, notes))
     if force is None and velocity is None:
-        raise ParameterError(f'{recording.name}: expected a velocity, or a specific force')
+        raise ParameterError(f'{recording.name}: expected a velocity (vx, vy, vz), or a '
+                             'specific force (acc_x, acc_y, acc_z)')
     if force is None:
         notes.append('no specific force: the change of velocity takes its place')
     if attitude is None:
         if force is None:
-            raise ParameterError(f'{recording.name}: expected an attitude, or a specific force')
+            raise ParameterError(f'{recording.name}: expected an attitude (qx, qy, qz, qw), or a '
+                                 'specific force (acc_x, acc_y, acc_z)')
         notes.append('no attitude: gyro and accelerometer give it')
         attitude = _levelled(times, gyro, force, vehicle.gravity)
     if velocity is None:

@@ -12,6 +12,7 @@ from ca_ros.detection.detector_settings import DetectorSettings, no_lag
 from ca_ros.detection.injected_loss import WAIT, without_rotor
 from ca_ros.detection.recorded_motion import motion_of
 from ca_ros.detection.replay import Replay, replay
+from ca_ros.figures import FORMATS
 from ca_ros.parameter_files import MonitorSettings, load_for
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import read as read_file
@@ -37,6 +38,9 @@ def run(options: argparse.Namespace) -> None:
     from ca_ros.vehicle.identification import speeds_of
     from ca_ros.vehicle.match import match
 
+    if options.figure is not None and options.figure.suffix[1:] not in FORMATS:
+        raise ParameterError(f'--figure {options.figure}: expected a name that ends with '
+                             f'{", ".join(f".{form}" for form in FORMATS)}')
     vehicle = Vehicle.load(options.vehicle)
     settings = settings_of(options.vehicle)
     losses = [_loss(text, vehicle.n) for text in options.inject]

@@ -14,8 +14,7 @@ from matplotlib.patches import Patch
 
 from ca_ros.arrays import Array
 from ca_ros.detection.replay import Naming, Replay
-from ca_ros.figures import COLORS, FORMATS, save, sheet, style
-from ca_ros.settings import ParameterError
+from ca_ros.figures import COLORS, save, sheet, style
 
 MINUTE = 60.0  # that is shown [s]
 SHADES = {'ground': '#bbbbbb', 'launch': '#f7dfa5', 'flight': '#ffffff', 'landing': '#cfe3f1'}
@@ -31,11 +30,8 @@ Loss = tuple[int, float, Replay]
 def draw(found: Replay, losses: Sequence[Loss], file: Path) -> None:
     """Draw a minute about the first name or loss, a row for each rotor and for a disturbance.
 
-    Raises a ParameterError if the format is not one of `FORMATS`.
+    The format is one of `ca_ros.figures.FORMATS`.
     """
-    if file.suffix[1:] not in FORMATS:
-        raise ParameterError(f'--figure {file}: expected a name that ends with '
-                             f'{", ".join(f".{form}" for form in FORMATS)}')
     with matplotlib.rc_context(style()):
         save(figure_of(found, losses), file, [file.suffix[1:]])
 

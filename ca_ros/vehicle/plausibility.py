@@ -27,6 +27,7 @@ WINDOWS_MIN = 6  # in the air; of fewer nothing is said
 RATE = 25.0  # values of a stream below which half of the losses are not named [1/s]
 MANY = 0.75  # share of the commands beyond the greatest speed that a controller hardly sends
 ROUNDING = 1e-6  # of a number in a file
+FROZEN = 1.0  # time for which no stream in the air has the same value [s]
 STEPS = 100  # in which the gyro is integrated over a window
 
 Readings = Mapping[str, Callable[[Recording], Recording]]
@@ -223,6 +224,26 @@ def gaps(recording: Recording, names: Iterable[str]) -> list[tuple[str, float, f
         for i in np.flatnonzero(np.diff(edges) >= GAP / 1e9):
             found.setdefault((float(edges[i]), float(edges[i + 1])), []).append(name)
     return [(', '.join(streams), *when) for when, streams in sorted(found.items())]
+
+
+def frozen(vehicle: Vehicle, recording: Recording, names: Iterable[str]) -> list[str]:
+    """Return in words which streams do not change for `FROZEN` or more, and from when on.
+
+    In the air by the commands, which are rotor speeds [rad/s].
+    """
+    lift = vehicle.thrusts(recording.values['command']).sum(axis=1)
+    start, notes = recording.span[0], []
+    for name in names:
+        times, values = recording.times[name], recording.values[name]
+        flies = np.interp(times, recording.times['command'], lift) >= IN_AIR * vehicle.weight
+        same = (values[1:] == values[:-1]).all(axis=1) & flies[1:] & flies[:-1]
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], same, [0]])))
+        begin, lasting = times[edges[::2]], times[edges[1::2]] - times[edges[::2]]
+        if (long := lasting >= FROZEN).any():
+            notes.append(
+                f'{name}: does not change from {begin[long][0] - start:.2f} s on, and for '
+                f'{lasting[long].sum():.2f} s in all')
+    return notes
 
 
 def slow(recording: Recording, names: Iterable[str]) -> list[str]:

@@ -2,9 +2,11 @@
 
 import csv
 import re
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,14 +143,17 @@ def _from_csv(path: Path) -> dict[str, Array]:
 
 def _from_npz(path: Path) -> dict[str, Array]:
     """Return the arrays of an npz file as columns; the times of a stream are ``t_NAME``."""
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            numbers = {name: np.asarray(arrays[name], float) for name in arrays.files}
+    except (BadZipFile, EOFError, TypeError, ValueError, zlib.error):
+        raise ParameterError('damaged, or no npz file of numbers') from None
     columns: dict[str, Array] = {}
-    with np.load(path, allow_pickle=False) as arrays:
-        for name in arrays.files:
-            array = np.asarray(arrays[name], float)
-            if name in STREAMS and array.ndim == 2:
-                columns |= _columns(name, array)
-            elif array.ndim == 1:
-                columns[name] = array
+    for name, array in numbers.items():
+        if name in STREAMS and array.ndim == 2:
+            columns |= _columns(name, array)
+        elif array.ndim == 1:
+            columns[name] = array
     return columns
 
 
@@ -245,7 +250,10 @@ def _streams(columns: Mapping[str, Array], rotors: int) -> Recording:
         # NaN is an empty cell; what is infinite is refused below.
         filled = ~np.isnan(table).any(axis=1) & np.isfinite(times)
         times, table = times[filled], table[filled]
-        if len(times) < 2 or not np.all(np.diff(times) > 0.0):
+        if len(times) < 2:
+            raise ParameterError(
+                f'{name}: {len(times)} of {len(filled)} rows have a value: expected two or more')
+        if not np.all(np.diff(times) > 0.0):
             raise ParameterError(f't: expected times of {name} that increase [s]')
         _check(name, np.flatnonzero(filled) + 1, times, table)
         recording.times[name], recording.values[name] = times, table
