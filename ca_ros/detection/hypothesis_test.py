@@ -86,10 +86,11 @@ class HypothesisTest:
     The evidence for each is the greatest logarithm of its Bayes factor against nothing in any
     window (Kass and Raftery, Bayes factors, J. American Statistical Association 90, 1995).  A
     rotor is named if its evidence is over `LIMIT`, leads that of each other rotor by `ODDS`, and
-    that of the disturbance by `MARGIN`, and it lost `CLEAR_LOSS` of its thrust.
+    that of the disturbance by `MARGIN`, and it lost `CLEAR_LOSS` of its thrust in a window
+    shorter than that of `GATHERED`, or in any before leads are gathered.
 
-    What loses less shows in time: a rotor that gathers a lead of `LASTING` is named, too; see
-    `gathered`.
+    What does not show so soon shows in time: a rotor that gathers a lead of `LASTING` is named,
+    too; see `gathered`.
 
     If the rotor does not lead its partner of a coaxial pair, the arm is named, until `of_arms`
     tells which one has failed; meanwhile it is one effector, which may be named again.  Servos
@@ -191,7 +192,8 @@ class HypothesisTest:
         steady = max(float(disturbances[at]), 0.0)
         if known:
             leads = gathered(leads, block, for_leads, servos, steady, self.partners, recent)
-            leads = owed(leads, losses.raw[likeliest], health, evidence, disturbance)
+            leads = owed(
+                leads, losses.raw[likeliest], health, evidence, disturbance, self.partners, recent)
         else:
             leads = np.zeros(n)
         margin = max(float(evidence[rotor]), name.evidence) - disturbance

@@ -8,7 +8,7 @@ names a rotor.  A loss changes the trim, so while it is learnt again, no other r
 A push down on the end of an arm begins with more than a rotor can lack, and lets the rotor owe
 `DEBT`: later, when the controller has answered, or the vehicle has turned under the push, the
 same push may look like a loss.  So may one that looked like none before: where a disturbance leads
-a rotor by `LIMIT`, the rotor owes `SMALL_DEBT`, and none owes more once a suspicion lasts for
+a rotor by `DOUBT`, the rotor owes `SMALL_DEBT`, and none owes more once a suspicion lasts for
 longer than a push.
 """
 
@@ -23,11 +23,12 @@ from ca_ros.detection.windows import WINDOWS
 LASTING = 4.0  # lead that a weak rotor gathers, from which it is named
 GATHERED = 2  # the window in which leads are gathered, of `WINDOWS`
 
-EXCESS, DOUBT, DEBT = 1.2, 3.0, 30.0
-"""A rotor that would lack so much of its health, in the window in which a disturbance is likeliest
-and leads it by `DOUBT`, owes a lead of `DEBT` before it is named: it gives no more than it has."""
+DOUBT, SMALL_DEBT = 6.0, 8.0
+"""A rotor that a disturbance leads by the former owes the latter before it is named."""
 
-SMALL_DEBT = 8.0  # lead that a rotor owes which a disturbance led far
+EXCESS, DEBT = 1.2, 30.0
+"""It owes the latter if it would lack so much of its health in the window in which a disturbance
+is likeliest: it gives no more than it has."""
 
 
 def gathered(
@@ -56,15 +57,18 @@ def gathered(
 
 
 def owed(
-    leads: Array, shares: Array, health: Array, evidence: Array, disturbance: float
+    leads: Array, shares: Array, health: Array, evidence: Array, disturbance: float,
+    partners: Sequence[int | None], recent: Sequence[int] = (),
 ) -> Array:
     """Return what each rotor has gathered (n,), less what it owes.
 
     - `leads`, `health` and `evidence` (n,)
     - `shares` (n,): what each would have lost in the window in which a disturbance is likeliest
     - `disturbance`: the evidence for it
+    - `partners` and `recent`: see `gathered`; the partner of a rotor that has just failed owes
+      nothing, since that one may have been named for it
     """
-    doubt = np.where(evidence > LIMIT, disturbance - evidence, 0.0)
-    excess = (doubt > DOUBT) & (shares > EXCESS * health)
-    owes = np.where(excess, DEBT, np.where(doubt > LIMIT, SMALL_DEBT, -np.inf))
-    return np.minimum(leads, -owes)
+    corrects = np.array([partner in recent for partner in partners])
+    doubted = (evidence > LIMIT) & (disturbance - evidence > DOUBT) & ~corrects
+    owes = np.where(shares > EXCESS * health, DEBT, SMALL_DEBT)
+    return np.where(doubted, np.minimum(leads, -owes), leads)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ca_ros.arrays import Array, BoolArray
-from ca_ros.detection.leads import LASTING
+from ca_ros.detection.leads import GATHERED, LASTING
 from ca_ros.detection.losses import LIMIT, Losses
 from ca_ros.detection.pairs import PAIRED, likeliest_pair
 from ca_ros.detection.stuck_servos import StuckServo
@@ -115,7 +115,9 @@ class Naming:
             return Name(), window
         # The rotor between two lost ones explains their torque.
         name, evidence = self._pair(case, window, best)
-        if not name.rotors and best > evidence - PAIR_ODDS:
+        # Where leads are gathered, only these name one rotor in the same window and longer ones.
+        early = window < GATHERED or not case.known
+        if not name.rotors and early and best > evidence - PAIR_ODDS:
             name = self.name(rotor, share, case.evidence)
         return name, window
 

@@ -42,7 +42,7 @@
 #define GATHERED 2
 #define SEEN CA_REAL(15.0)
 #define EXCESS CA_REAL(1.2)
-#define DOUBT CA_REAL(3.0)
+#define DOUBT CA_REAL(6.0)
 #define DEBT CA_REAL(30.0)
 #define SMALL_DEBT CA_REAL(8.0)
 #define PRIOR CA_REAL(6.25)
@@ -571,7 +571,8 @@ static int telling_window(const ca_real evidence[CA_WINDOWS][CA_N],
 /* Gather how far each rotor leads all else in one window; name one that leads for long.
  * Nothing is gathered while the trim is not known: in the beginning of a flight, and by others
  * than a `recent` loss.  A rotor that lacks more than it has, `lacking` where a disturbance is
- * likeliest, gets a debt, and a smaller one if a disturbance leads it far. */
+ * likeliest, gets a debt, and a smaller one if a disturbance leads it, but not the partner of
+ * a `recent` loss, which may have been named for it. */
 static void gather(const ca_detector *detector, const ca_block *window, ca_real block,
                    const ca_real evidences[CA_WINDOWS][CA_N],
                    const ca_real shares[CA_WINDOWS][CA_N], ca_real disturbance,
@@ -596,8 +597,9 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
         const ca_real after = before + block / WINDOWS[GATHERED] * lead;
         found->leads[i] = ca_max(ca_min(after, most), ca_min(before, 0));
         const ca_real doubt = found->disturbance - found->evidence[i];
-        const int excess = lacking[i] > EXCESS * found->levels[i] && doubt > DOUBT;
-        if (found->evidence[i] > LIMIT && (excess || doubt > LIMIT))
+        const int excess = lacking[i] > EXCESS * found->levels[i];
+        const int partner = partner_of(model, i), corrects = partner >= 0 && recent[partner];
+        if (found->evidence[i] > LIMIT && doubt > DOUBT && !corrects)
             found->leads[i] = ca_min(found->leads[i], excess ? -DEBT : -SMALL_DEBT);
         top = found->leads[i] > found->leads[top] ? i : top;
     }
@@ -689,7 +691,9 @@ static void name_now(const ca_detector *detector, const ca_block *windows,
     /* The rotor between two lost ones explains their torque. */
     const ca_real pair = find_pair(detector, &windows[found->window], variance[found->window],
                                    bound, found);
-    if (!found->names && best > pair - PAIR_ODDS)
+    /* Where leads are gathered, only these name one rotor in the same window and longer ones. */
+    const int early = found->window < GATHERED || !(detector->flown > LEARNING);
+    if (!found->names && early && best > pair - PAIR_ODDS)
         name(found, rotor, share, partner,
              partner >= 0 && best - found->evidence[partner] <= ODDS);
 }
