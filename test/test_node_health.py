@@ -35,6 +35,7 @@ VEHICLES = length(
 PAIRS = length(12, 60)
 APART = 0.001, 0.002, 0.004  # time between two messages [s]
 FLOOD = length(0.7, 10.0)  # time of a flood [s]
+SETTLING = 5.0  # greatest time until a loaded machine has taken what was sent [s]
 RATES = length([2000.0], [100.0, 500.0, 2000.0, 5000.0])  # of its messages, at most [Hz]
 
 CHANGES = length(6, 30, 100)  # of which that time is measured
@@ -105,10 +106,9 @@ class Flown:
 
     def settled(self, *rotors):
         """Tell whether after all that was sent exactly these rotors are lost."""
-        found = []
-        for _ in range(5):
-            found = self.rest()
-            if found == [*rotors]:
+        end = time.monotonic() + SETTLING
+        while time.monotonic() < end:
+            if self.rest() == [*rotors]:
                 return True
             time.sleep(0.02)
         return False
