@@ -15,7 +15,7 @@ from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.hypothesis_test import HypothesisTest
 from ca_ros.detection.kernel_detector import KernelDetector, packed
 from ca_ros.detection.lag_check import LagCheck
-from ca_ros.detection.leads import gathered
+from ca_ros.detection.leads import gathered, owed
 from ca_ros.detection.motor_model import CommandedRotors, settling_of
 from ca_ros.detection.naming import ODDS
 from ca_ros.detection.noise_estimator import UsualMotion
@@ -1032,13 +1032,27 @@ def test_soon_after_a_loss_only_its_own_arm_gathers_a_lead():
     assert gathered(before, 0.16, 18.0 * np.eye(8)[2], zero, 0.0, partners)[2] == 19.0
 
 
+def test_what_a_rotor_owes_goes_with_the_lead_of_a_disturbance_over_it():
+    # The evidence for a disturbance is 50.  Its lead over rotor 1 is too small; rotors 2 and 3
+    # owe, and rotor 3 more, which would lack 1.3 of itself; the evidence for rotor 4 is not clear.
+    partners = Vehicle.load('quadrotor').partners
+    evidence, shares = np.array([45.0, 43.0, 43.0, 19.0]), np.array([1.3, 1.0, 1.3, 1.3])
+    for before, after in ((2.0, [2.0, -8.0, -30.0, 2.0]), (-9.0, [-9.0, -9.0, -30.0, -9.0])):
+        found = owed(np.full(4, before), shares, np.ones(4), evidence, 50.0, partners)
+        np.testing.assert_array_equal(found, after)
+    # Rotor 1 of x8 has failed, and may have been named for its partner, rotor 2.
+    partners = Vehicle.load('x8').partners
+    found = owed(np.zeros(8), np.ones(8), np.ones(8), np.full(8, 43.0), 50.0, partners, [0])
+    np.testing.assert_array_equal(found, [-8.0, 0.0, *[-8.0] * 6])
+
+
 def test_a_rotor_that_a_disturbance_leads_far_is_named_later():
     # A push that looks like its loss, but first turns the vehicle about z, too.
     find, rng = HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR)), np.random.default_rng(0)
     age, lacked, given, lateral, variance = windows(rng, lost=0.8)
     lacked[0, 5] += 0.04
-    for owed, least in ((0.0, -8.0), (-8.0, -8.0), (-15.0, -15.0)):
-        leads = np.array([0.0, 0.0, owed, 0.0, 0.0, 0.0])
+    for before, least in ((0.0, -8.0), (-8.0, -8.0), (-15.0, -15.0)):
+        leads = np.array([0.0, 0.0, before, 0.0, 0.0, 0.0])
         pushed = find(age, lacked, given, lateral, variance, *UNKNOWN[:3], leads, 0.01)
         assert pushed.named == ()
         assert pushed.disturbance - 20.0 > pushed.evidence[2] > 20.0

@@ -86,8 +86,8 @@ class HypothesisTest:
     The evidence for each is the greatest logarithm of its Bayes factor against nothing in any
     window (Kass and Raftery, Bayes factors, J. American Statistical Association 90, 1995).  A
     rotor is named if its evidence is over `LIMIT`, leads that of each other rotor by `ODDS`, and
-    that of the disturbance by `MARGIN`, and it lost `CLEAR_LOSS` of its thrust in a window
-    shorter than that of `GATHERED`, or in any before leads are gathered.
+    that of the disturbance by `MARGIN`, and it lost `CLEAR_LOSS` of its thrust.  This must
+    show in a window shorter than that of `GATHERED`, or in any one while no leads are gathered.
 
     What does not show so soon shows in time: a rotor that gathers a lead of `LASTING` is named,
     too; see `gathered`.

@@ -1,15 +1,14 @@
 """The lead that each rotor gathers in time over all else.
 
-What loses less than half of its thrust shows in time: windows that do not overlap are
-independent, so their evidence adds up.  In the window `GATHERED`, the lead of each rotor over all
-else is gathered, as its integral over the length of the window, not below zero; `LASTING` of it
-names a rotor.  A loss changes the trim, so while it is learnt again, no other rotor gathers.
+A weak rotor shows in time: windows that do not overlap are independent, so their evidence adds up.
+In the window `GATHERED`, the lead of each rotor over all else is gathered, as its integral over
+the length of the window, not below zero; `LASTING` of it names a rotor.  A loss changes the trim,
+so while it is learnt again, no other rotor gathers.
 
-A push down on the end of an arm begins with more than a rotor can lack, and lets the rotor owe
-`DEBT`: later, when the controller has answered, or the vehicle has turned under the push, the
-same push may look like a loss.  So may one that looked like none before: where a disturbance leads
-a rotor by `DOUBT`, the rotor owes `SMALL_DEBT`, and none owes more once a suspicion lasts for
-longer than a push.
+A push may look like a loss later, when the controller has answered, or the vehicle has turned
+under it.  So a rotor that a disturbance led by `DOUBT` owes `SMALL_DEBT`.  It owes `DEBT` if the
+push, such as one down on the end of its arm, was more than it can lack.  No rotor owes more than
+`SMALL_DEBT` once a suspicion lasts for longer than a push.
 """
 
 from collections.abc import Sequence
@@ -23,12 +22,11 @@ from ca_ros.detection.windows import WINDOWS
 LASTING = 4.0  # lead that a weak rotor gathers, from which it is named
 GATHERED = 2  # the window in which leads are gathered, of `WINDOWS`
 
-DOUBT, SMALL_DEBT = 6.0, 8.0
-"""A rotor that a disturbance leads by the former owes the latter before it is named."""
-
+DOUBT = 6.0  # lead of a disturbance from which a rotor owes a lead before it is named
+SMALL_DEBT = 8.0  # what it owes
 EXCESS, DEBT = 1.2, 30.0
-"""It owes the latter if it would lack so much of its health in the window in which a disturbance
-is likeliest: it gives no more than it has."""
+"""A rotor that would lack more than `EXCESS` of its health, in the window in which a disturbance
+is likeliest, owes `DEBT` instead: it gives no more than it has."""
 
 
 def gathered(
@@ -65,8 +63,8 @@ def owed(
     - `leads`, `health` and `evidence` (n,)
     - `shares` (n,): what each would have lost in the window in which a disturbance is likeliest
     - `disturbance`: the evidence for it
-    - `partners` and `recent`: see `gathered`; the partner of a rotor that has just failed owes
-      nothing, since that one may have been named for it
+    - `partners` and `recent`: see `gathered`.  The partner of a rotor that has just failed comes
+      to owe nothing: that rotor may have been named for it
     """
     corrects = np.array([partner in recent for partner in partners])
     doubted = (evidence > LIMIT) & (disturbance - evidence > DOUBT) & ~corrects

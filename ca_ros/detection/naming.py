@@ -115,7 +115,8 @@ class Naming:
             return Name(), window
         # The rotor between two lost ones explains their torque.
         name, evidence = self._pair(case, window, best)
-        # Where leads are gathered, only these name one rotor in the same window and longer ones.
+        # What shows only in the window of leads or a longer one is named by its lead, once leads
+        # are gathered.
         early = window < GATHERED or not case.known
         if not name.rotors and early and best > evidence - PAIR_ODDS:
             name = self.name(rotor, share, case.evidence)

@@ -570,9 +570,9 @@ static int telling_window(const ca_real evidence[CA_WINDOWS][CA_N],
 
 /* Gather how far each rotor leads all else in one window; name one that leads for long.
  * Nothing is gathered while the trim is not known: in the beginning of a flight, and by others
- * than a `recent` loss.  A rotor that lacks more than it has, `lacking` where a disturbance is
- * likeliest, gets a debt, and a smaller one if a disturbance leads it, but not the partner of
- * a `recent` loss, which may have been named for it. */
+ * than a `recent` loss.  A rotor that a disturbance leads gets a debt, a greater one if it lacks more
+ * than it has, `lacking` where the disturbance is likeliest.  The partner of a `recent` loss gets
+ * none: that loss may have been named for it. */
 static void gather(const ca_detector *detector, const ca_block *window, ca_real block,
                    const ca_real evidences[CA_WINDOWS][CA_N],
                    const ca_real shares[CA_WINDOWS][CA_N], ca_real disturbance,
@@ -587,9 +587,10 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
         return;
     }
     for (int i = 0; i < n; i++) {
+        const int partner = partner_of(model, i);
         ca_real rival = ca_max(disturbance, 0), most = CA_UNBOUNDED;
         for (int j = 0; j < n; j++)
-            if (j != i && j != partner_of(model, i)) {
+            if (j != i && j != partner) {
                 rival = ca_max(rival, evidence[j]);
                 most = recent[j] ? 0 : most;
             }
@@ -598,7 +599,7 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
         found->leads[i] = ca_max(ca_min(after, most), ca_min(before, 0));
         const ca_real doubt = found->disturbance - found->evidence[i];
         const int excess = lacking[i] > EXCESS * found->levels[i];
-        const int partner = partner_of(model, i), corrects = partner >= 0 && recent[partner];
+        const int corrects = partner >= 0 && recent[partner];
         if (found->evidence[i] > LIMIT && doubt > DOUBT && !corrects)
             found->leads[i] = ca_min(found->leads[i], excess ? -DEBT : -SMALL_DEBT);
         top = found->leads[i] > found->leads[top] ? i : top;
@@ -691,7 +692,8 @@ static void name_now(const ca_detector *detector, const ca_block *windows,
     /* The rotor between two lost ones explains their torque. */
     const ca_real pair = find_pair(detector, &windows[found->window], variance[found->window],
                                    bound, found);
-    /* Where leads are gathered, only these name one rotor in the same window and longer ones. */
+    /* What shows only in the window of leads or a longer one is named by its lead, once leads are
+     * gathered. */
     const int early = found->window < GATHERED || !(detector->flown > LEARNING);
     if (!found->names && early && best > pair - PAIR_ODDS)
         name(found, rotor, share, partner,
