@@ -219,6 +219,8 @@ class MonitorNode(Node):
 
     def _receive_pose(self, message: PoseStamped) -> None:
         if self._is_in(message, 'world_frame'):
+            if messages.nanoseconds(message.header.stamp) == self._stated:
+                self._repeated = monotonic()
             self._pose = message
             self._observe()
 
@@ -256,7 +258,6 @@ class MonitorNode(Node):
         if self._imu.lacks(time):
             return
         if time == self._stated:
-            self._repeated = monotonic()
             if each:
                 self._publish(time)
             return
