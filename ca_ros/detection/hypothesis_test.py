@@ -87,7 +87,8 @@ class HypothesisTest:
     window (Kass and Raftery, Bayes factors, J. American Statistical Association 90, 1995).  A
     rotor is named if its evidence is over `LIMIT`, leads that of each other rotor by `ODDS`, and
     that of the disturbance by `MARGIN`, and it lost `CLEAR_LOSS` of its thrust.  This must
-    show in a window shorter than that of `GATHERED`, or in any one while no leads are gathered.
+    show in a window shorter than that of `GATHERED`, or in any one while no leads are gathered:
+    in the beginning of a flight, and while a loss is recent.
 
     What does not show so soon shows in time: a rotor that gathers a lead of `LASTING` is named,
     too; see `gathered`.
@@ -163,7 +164,7 @@ class HypothesisTest:
         - `lost` (m,): what both rotors of each are taken to have lost
         - `known`: whether it flies for long enough that its trim is known: before, no two rotors
           are named, which together explain almost any trim, and no weak one
-        - `recent`: rotors that failed so lately that others gather no lead; see `gathered`
+        - `recent`: rotors that failed so lately that others gather no lead, nor come to owe one
         """
         n, at = len(health), min(GATHERED, len(ages) - 1)
         own = given[:, :, :n]
@@ -184,16 +185,18 @@ class HypothesisTest:
             servo = servo if servo.evidence > evidence.max() else None
             evidence = np.maximum(evidence, servos)
         rotor = int(evidence.argmax()) if servo is None else servo.rotor
+        gathers = known and not recent
         case = Case(
             lacked, variance, own, lateral, health, np.isin(np.arange(n), list(arms)),
-            self.naming.asked(ages, own, usual, health), losses, evidence, disturbance, known)
+            self.naming.asked(ages, own, usual, health), losses, evidence, disturbance, known,
+            gathers)
         name, window = self.naming.now(case, rotor, likeliest, servo, leads)
         for_leads = losses.evidence[at]
         steady = max(float(disturbances[at]), 0.0)
         if known:
             leads = gathered(leads, block, for_leads, servos, steady, self.partners, recent)
-            leads = owed(
-                leads, losses.raw[likeliest], health, evidence, disturbance, self.partners, recent)
+            if gathers:
+                leads = owed(leads, losses.raw[likeliest], health, evidence, disturbance)
         else:
             leads = np.zeros(n)
         margin = max(float(evidence[rotor]), name.evidence) - disturbance

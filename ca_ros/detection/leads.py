@@ -8,7 +8,8 @@ so while it is learnt again, no other rotor gathers.
 A push may look like a loss later, when the controller has answered, or the vehicle has turned
 under it.  So a rotor that a disturbance led by `DOUBT` owes `SMALL_DEBT`.  It owes `DEBT` if the
 push, such as one down on the end of its arm, was more than it can lack.  No rotor owes more than
-`SMALL_DEBT` once a suspicion lasts for longer than a push.
+`SMALL_DEBT` once a suspicion lasts for longer than a push.  While a loss is recent, none comes to
+owe anything: that loss may be one of two, or may have been named for another.
 """
 
 from collections.abc import Sequence
@@ -55,18 +56,14 @@ def gathered(
 
 
 def owed(
-    leads: Array, shares: Array, health: Array, evidence: Array, disturbance: float,
-    partners: Sequence[int | None], recent: Sequence[int] = (),
+    leads: Array, shares: Array, health: Array, evidence: Array, disturbance: float
 ) -> Array:
     """Return what each rotor has gathered (n,), less what it owes.
 
     - `leads`, `health` and `evidence` (n,)
     - `shares` (n,): what each would have lost in the window in which a disturbance is likeliest
     - `disturbance`: the evidence for it
-    - `partners` and `recent`: see `gathered`.  The partner of a rotor that has just failed comes
-      to owe nothing: that rotor may have been named for it
     """
-    corrects = np.array([partner in recent for partner in partners])
-    doubted = (evidence > LIMIT) & (disturbance - evidence > DOUBT) & ~corrects
+    doubted = (evidence > LIMIT) & (disturbance - evidence > DOUBT)
     owes = np.where(shares > EXCESS * health, DEBT, SMALL_DEBT)
     return np.where(doubted, np.minimum(leads, -owes), leads)

@@ -58,6 +58,7 @@ class Case:
     - `asked` (T, n): whether it is asked for enough thrust to be named
     - `losses`, `evidence` (n,) and `disturbance`: see `Losses` and `Finding`
     - `known`: see `HypothesisTest.__call__`
+    - `gathers`: whether every rotor may gather a lead; see `gathered`
     """
 
     lacked: Array
@@ -71,6 +72,7 @@ class Case:
     evidence: Array
     disturbance: float
     known: bool
+    gathers: bool
 
 
 class Naming:
@@ -115,9 +117,9 @@ class Naming:
             return Name(), window
         # The rotor between two lost ones explains their torque.
         name, evidence = self._pair(case, window, best)
-        # What shows only in the window of leads or a longer one is named by its lead, once leads
+        # What shows only in the window of leads or a longer one is named by its lead, while leads
         # are gathered.
-        early = window < GATHERED or not case.known
+        early = window < GATHERED or not case.gathers
         if not name.rotors and early and best > evidence - PAIR_ODDS:
             name = self.name(rotor, share, case.evidence)
         return name, window

@@ -355,7 +355,8 @@ typedef struct {
     ca_real most[CA_N];                    /* the same, the most in any window */
     ca_real levels[CA_N];                  /* what each has left, an arm as one effector */
     ca_real leads[CA_N];                   /* gathered so far */
-    int lasting, pair;                     /* whether these name it; whether two have failed */
+    int gathers;                           /* whether any rotor may gather, not recent ones alone */
+    int lasting, pair;                     /* whether leads name it; whether two have failed */
 } finding;
 
 /* What a failed rotor no longer gives in a window, and the variance of this: its thrust, known to a
@@ -571,8 +572,7 @@ static int telling_window(const ca_real evidence[CA_WINDOWS][CA_N],
 /* Gather how far each rotor leads all else in one window; name one that leads for long.
  * Nothing is gathered while the trim is not known: in the beginning of a flight, and by others
  * than a `recent` loss.  A rotor that a disturbance leads gets a debt, a greater one if it lacks more
- * than it has, `lacking` where the disturbance is likeliest.  The partner of a `recent` loss gets
- * none: that loss may have been named for it. */
+ * than it has, `lacking` where the disturbance is likeliest, but none while a loss is `recent`. */
 static void gather(const ca_detector *detector, const ca_block *window, ca_real block,
                    const ca_real evidences[CA_WINDOWS][CA_N],
                    const ca_real shares[CA_WINDOWS][CA_N], ca_real disturbance,
@@ -599,8 +599,7 @@ static void gather(const ca_detector *detector, const ca_block *window, ca_real 
         found->leads[i] = ca_max(ca_min(after, most), ca_min(before, 0));
         const ca_real doubt = found->disturbance - found->evidence[i];
         const int excess = lacking[i] > EXCESS * found->levels[i];
-        const int corrects = partner >= 0 && recent[partner];
-        if (found->evidence[i] > LIMIT && doubt > DOUBT && !corrects)
+        if (found->evidence[i] > LIMIT && doubt > DOUBT && found->gathers)
             found->leads[i] = ca_min(found->leads[i], excess ? -DEBT : -SMALL_DEBT);
         top = found->leads[i] > found->leads[top] ? i : top;
     }
@@ -692,9 +691,9 @@ static void name_now(const ca_detector *detector, const ca_block *windows,
     /* The rotor between two lost ones explains their torque. */
     const ca_real pair = find_pair(detector, &windows[found->window], variance[found->window],
                                    bound, found);
-    /* What shows only in the window of leads or a longer one is named by its lead, once leads are
+    /* What shows only in the window of leads or a longer one is named by its lead, while leads are
      * gathered. */
-    const int early = found->window < GATHERED || !(detector->flown > LEARNING);
+    const int early = found->window < GATHERED || !found->gathers;
     if (!found->names && early && best > pair - PAIR_ODDS)
         name(found, rotor, share, partner,
              partner >= 0 && best - found->evidence[partner] <= ODDS);
@@ -708,12 +707,14 @@ static void test(const ca_detector *detector, const ca_block *windows, ca_real b
     const int n = ROTORS(model);
     ca_real evidence[CA_WINDOWS][CA_N], shares[CA_WINDOWS][CA_N], disturbances[CA_WINDOWS];
     ca_real lacking[CA_WINDOWS][CA_N];
-    int likeliest = 0;
+    int likeliest = 0, failed = 0;
     for (int i = 0; i < n; i++) {
         found->evidence[i] = 0;
         found->levels[i] = level_of(detector, i);
+        failed |= recent[i];
     }
     found->disturbance = 0;
+    found->gathers = detector->flown > LEARNING && !failed;
     for (int t = 0; t < CA_WINDOWS; t++) {
         const ca_real *v = variance[t];
         ca_real seen = 0;
