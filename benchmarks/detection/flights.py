@@ -29,7 +29,7 @@ VEHICLES = 'hexarotor', 'quadrotor', 'octorotor', 'x8', 'y6'
 TUNING = 5000
 """Seeds below are for the choice of settings."""
 
-PUBLISHED = 37000
+PUBLISHED = 41000
 """The first seed of what is published; settings were chosen on seeds below 5000."""
 
 DURATION = 120.0  # of a flight without a failure [s]

@@ -4,7 +4,6 @@ import numpy as np
 
 from ca_ros.arrays import Array
 from ca_ros.detection.hypothesis_test import Finding
-from ca_ros.detection.leads import SMALL_DEBT
 from ca_ros.detection.losses import LIMIT
 
 CONFIRMATIONS = 3  # tests of a suspicion that name the same rotors, and no others
@@ -45,7 +44,7 @@ class Suspicion:
     @property
     def patient_leads(self) -> Array:
         """What each rotor has gathered (n,): a disturbance that lasts is no push."""
-        return np.maximum(self.leads, -SMALL_DEBT) if self.waited >= PATIENCE else self.leads
+        return np.maximum(self.leads, 0.0) if self.waited >= PATIENCE else self.leads
 
     def go_on(self, found: Finding, block: float, suspected: bool) -> None:
         """Take what a test finds, after a further time [s]."""

@@ -1221,10 +1221,10 @@ static int test_windows(ca_detector *detector, int64_t time, const ca_real *thru
         memcpy(known, variance, sizeof known);
         add_unknown(detector, windows, variance);
     }
-    /* A disturbance that lasts is no push. */
+    /* A disturbance that lasts is no push: nobody owes anything. */
     if (detector->waited >= PATIENCE)
         for (int i = 0; i < n; i++)
-            detector->leads[i] = ca_max(detector->leads[i], -SMALL_DEBT);
+            detector->leads[i] = ca_max(detector->leads[i], 0);
     test(detector, windows, block, (const ca_real(*)[6])variance, recent, &found);
     ca_copy(n, found.leads, detector->leads);
     ca_real score = found.disturbance;
