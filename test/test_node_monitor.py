@@ -577,10 +577,15 @@ def test_the_log_says_that_states_have_returned_when_they_have_and_not_before(gr
     vehicle.wait(ALONE)
     graph.spin_until(lambda: count(ALONE), 'a line in the log')
     assert count(returned) == 0
+    # The imu stops, too, and returns.
+    vehicle.sends_imu = False
+    graph.spin_until(lambda: count('no state for 1 s') == 2, 'a second timeout')
+    vehicle.sends_imu = True
+    graph.spin_until(lambda: count(ALONE) == 2, 'a second line in the log')
     vehicle.sends_states = True
     vehicle.wait('on the ground')
     graph.spin_until(lambda: count(returned), 'a line in the log')
-    assert (count(ALONE), count(returned)) == (1, 1)
+    assert (count(ALONE), count(returned)) == (2, 1)
 
 
 def test_an_imu_that_comes_without_its_place_is_said_once(graph):

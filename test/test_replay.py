@@ -302,6 +302,8 @@ def test_what_cannot_be_replayed_is_refused(tmp_path, capsys):
     assert main(['replay', 'none.npz', 'hexarotor', '--figure', 'a.txt']) == 1
     answer = '--figure a.txt: expected a name that ends with .png, .svg, .pdf'
     assert answer in capsys.readouterr().err
+    assert main(['replay', 'none.npz', 'hexarotor', '--figure', 'none/a.png']) == 1
+    assert '--figure none/a.png: no such folder: none' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('spoil', [

@@ -245,8 +245,10 @@ class MonitorNode(Node):
         elif sample is not None and self._imu.alone and not self._imu.fault:
             if not before:
                 self._interrupt()
-                if self._stated is not None:
-                    self.get_logger().warning(ALONE)
+            # After a timeout that was said, its first message serves alone once more.
+            again = self.watchdog.expired and self.watchdog.over
+            if self._stated is not None and (again or not before):
+                self.get_logger().warning(ALONE)
             self._take(*sample)
 
     def _observe(self) -> None:

@@ -41,6 +41,8 @@ def run(options: argparse.Namespace) -> None:
     if options.figure is not None and options.figure.suffix[1:] not in FORMATS:
         raise ParameterError(f'--figure {options.figure}: expected a name that ends with '
                              f'{", ".join(f".{form}" for form in FORMATS)}')
+    if options.figure is not None and not options.figure.parent.is_dir():
+        raise ParameterError(f'--figure {options.figure}: no such folder: {options.figure.parent}')
     vehicle = Vehicle.load(options.vehicle)
     settings = settings_of(options.vehicle)
     losses = [_loss(text, vehicle.n) for text in options.inject]

@@ -27,6 +27,7 @@ from benchmarks.detection import own_plant, real_flights, rotorpy_flights, table
 from benchmarks.detection.__main__ import Found, parser_of_options, pool_of, run, tables_of
 from benchmarks.detection.flights import DURATION, POOLED, PUBLISHED, VEHICLES, Count, Outcome
 from benchmarks.detection.reallocation import WAYS
+from ca_ros.arguments import positive
 
 HOURS = 3.4  # of a vehicle and a condition, as published; the other plants go with it
 RESULTS, PAGE = DOCS.parent / 'benchmarks' / 'detection' / 'results.md', DOCS / 'detection.md'
@@ -221,17 +222,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Fly, and fill the pages or their copies."""
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
-    add('--hours', type=float, default=HOURS,
+    add('--hours', type=positive(float), default=HOURS,
         help=f'of a vehicle and a condition in the air; all else goes with it; {HOURS} by default')
-    add('--jobs', type=int, help='processes')
+    add('--jobs', type=positive(int), help='processes')
     add('--only', nargs='+', default=[*PARTS, *OTHERS], choices=[*PARTS, *OTHERS], metavar='NAME',
         help=f'tables: {", ".join([*PARTS, *OTHERS])}')
     add('--flights', type=Path, metavar='FOLDER',
         help='has the clones of python -m benchmarks.detection.real_flights --help')
     options = parser.parse_args(argv)
     share = options.hours / HOURS
-    if not share > 0.0:
-        parser.error(f'--hours: expected a positive number, got {options.hours}')
     trial, results, page = share < 1.0, RESULTS, PAGE
     if trial:
         OUT.mkdir(parents=True, exist_ok=True)
