@@ -1049,6 +1049,14 @@ def test_what_a_rotor_owes_goes_with_the_lead_of_a_disturbance_over_it():
         np.testing.assert_array_equal(found, after)
 
 
+def test_no_rotor_owes_anything_once_a_suspicion_lasts_for_longer_than_a_push():
+    suspicion = Suspicion(2)
+    suspicion.leads = np.array([-8.0, 3.0])
+    for waited, after in ((0.0, [-8.0, 3.0]), (0.98, [-8.0, 3.0]), (1.0, [0.0, 3.0])):
+        suspicion.waited = waited
+        np.testing.assert_array_equal(suspicion.patient_leads, after)
+
+
 def test_a_rotor_that_a_disturbance_leads_far_is_named_later():
     # A push that looks like its loss, but first turns the vehicle about z, too.
     find, rng = HypothesisTest(HEXAROTOR, rotor_wrenches(HEXAROTOR)), np.random.default_rng(0)
