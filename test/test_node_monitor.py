@@ -41,7 +41,8 @@ NOISE = [
 ]
 
 
-IMU = ['detector.imu_position:=[0.05, 0.0, 0.02]', 'simulator.state_delay:=0.01']
+IMU_POSITION = 'detector.imu_position:=[0.05, 0.0, 0.02]'
+IMU = [IMU_POSITION, 'simulator.state_delay:=0.01']
 
 
 @pytest.mark.slow
@@ -394,7 +395,7 @@ class Imu:
 
     - `sends_states`, `sends_imu`: whether it does; every fourth step has a state
     - `ahead`: by what the clock of the Imu is [ns]
-    - `clock`: that of all, at the start [ns]
+    - `clock`: by what the stamps of all messages are ahead of the time of flight [ns]
     """
 
     def __init__(self, graph, sends_states=True):
@@ -456,9 +457,6 @@ class Imu:
 
         self.graph.spin_until(named, 'rotor 2 is named')
         return speeds_stamp(self.health[-1]) / 1e9 - failed
-
-
-IMU_POSITION = 'detector.imu_position:=[0.05, 0.0, 0.02]'
 
 
 @pytest.mark.parametrize('states', [False, True])

@@ -164,7 +164,8 @@ class HypothesisTest:
         - `lost` (m,): what both rotors of each are taken to have lost
         - `known`: whether it flies for long enough that its trim is known: before, no two rotors
           are named, which together explain almost any trim, and no weak one
-        - `recent`: rotors that failed so lately that others gather no lead, nor come to owe one
+        - `recent`: rotors that failed so lately that others gather no lead; while there are any,
+          no rotor comes to owe one
         """
         n, at = len(health), min(GATHERED, len(ages) - 1)
         own = given[:, :, :n]

@@ -8,8 +8,8 @@ so while it is learnt again, no other rotor gathers.
 A push may look like a loss later, when the controller has answered, or the vehicle has turned
 under it.  So a rotor that a disturbance led by `DOUBT` owes `SMALL_DEBT`.  It owes `DEBT` if the
 push, such as one down on the end of its arm, was more than it can lack.  No rotor owes anything
-once a suspicion lasts for longer than a push.  While a loss is recent, none comes to
-owe anything: that loss may be one of two, or may have been named for another.
+once a suspicion lasts for longer than a push.  No rotor comes to owe anything while a loss is
+recent: the recent one may be one of two, or may have been named in place of its partner.
 """
 
 from collections.abc import Sequence

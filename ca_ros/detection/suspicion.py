@@ -43,7 +43,7 @@ class Suspicion:
 
     @property
     def patient_leads(self) -> Array:
-        """What each rotor has gathered (n,): none owes anything once a push would have ended."""
+        """What each rotor has gathered (n,): none owes anything once a push would be over."""
         return np.maximum(self.leads, 0.0) if self.waited >= PATIENCE else self.leads
 
     def go_on(self, found: Finding, block: float, suspected: bool) -> None:

@@ -355,7 +355,7 @@ typedef struct {
     ca_real most[CA_N];                    /* the same, the most in any window */
     ca_real levels[CA_N];                  /* what each has left, an arm as one effector */
     ca_real leads[CA_N];                   /* gathered so far */
-    int gathers;                           /* whether any rotor may gather, not recent ones alone */
+    int gathers;                           /* whether every rotor may gather: no loss is recent */
     int lasting, pair;                     /* whether leads name it; whether two have failed */
 } finding;
 

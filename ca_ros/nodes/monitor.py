@@ -245,7 +245,7 @@ class MonitorNode(Node):
         elif sample is not None and self._imu.alone and not self._imu.fault:
             if not before:
                 self._interrupt()
-            # After a timeout that was said, its first message serves alone once more.
+            # The log has said of a timeout that nothing comes: this says that the Imu does again.
             again = self.watchdog.expired and self.watchdog.over
             if self._stated is not None and (again or not before):
                 self.get_logger().warning(ALONE)

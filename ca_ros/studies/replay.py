@@ -38,11 +38,8 @@ def run(options: argparse.Namespace) -> None:
     from ca_ros.vehicle.identification import speeds_of
     from ca_ros.vehicle.match import match
 
-    if options.figure is not None and options.figure.suffix[1:] not in FORMATS:
-        raise ParameterError(f'--figure {options.figure}: expected a name that ends with '
-                             f'{", ".join(f".{form}" for form in FORMATS)}')
-    if options.figure is not None and not options.figure.parent.is_dir():
-        raise ParameterError(f'--figure {options.figure}: no such folder: {options.figure.parent}')
+    if options.figure is not None:
+        _check_figure(options.figure)
     vehicle = Vehicle.load(options.vehicle)
     settings = settings_of(options.vehicle)
     losses = [_loss(text, vehicle.n) for text in options.inject]
@@ -84,6 +81,14 @@ def run(options: argparse.Namespace) -> None:
 
         draw(found, taken, options.figure)
         print(f'written: {options.figure}')
+
+
+def _check_figure(file: Path) -> None:
+    if file.suffix[1:] not in FORMATS:
+        raise ParameterError(f'--figure {file}: expected a name that ends with '
+                             f'{", ".join(f".{form}" for form in FORMATS)}')
+    if not file.parent.is_dir():
+        raise ParameterError(f'--figure {file}: no such folder: {file.parent}')
 
 
 def settings_of(vehicle: str | Path) -> DetectorSettings:
