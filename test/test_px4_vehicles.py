@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ca_ros import Vehicle
+from ca_ros.studies.replay import settings_of
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 
 FOLDER = Path(__file__).resolve().parent.parent / 'examples' / 'px4'
@@ -30,3 +31,8 @@ def test_full_throttle_gives_the_wrench_of_sih(model):
     np.testing.assert_allclose(full, THRUST, rtol=1e-12)
     expected = [full, ARM * THRUST * roll, -ARM * THRUST * pitch, -TORQUE * yaw]
     np.testing.assert_allclose(rotor_wrenches(vehicle)[2:] * full, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize('model', TORQUES)
+def test_the_monitor_takes_the_settings_of_its_detector(model):
+    assert settings_of(str(FOLDER / f'sih_{model}.yaml')).delay == 0.01

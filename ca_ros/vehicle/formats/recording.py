@@ -173,8 +173,11 @@ def _from_ulog(path: Path) -> dict[str, Array]:
     }
     for name, (topic, fields) in wanted.items():
         if topic in topics:
-            columns[f't_{name}'] = topics[topic]['timestamp'] / 1e6
+            times = topics[topic]['timestamp'].astype(float) / 1e6
             table = np.column_stack([topics[topic][each] for each in fields]).astype(float)
+            # In lockstep, an estimator that is late gives two states the same stamp.
+            last = np.diff(times, append=np.inf) > 0.0
+            columns[f't_{name}'], table = times[last], table[last]
             # The motors that an airframe does not have are not a number.
             there = np.isfinite(table).any(axis=0) | (name != 'command')
             columns |= _columns(name, table[:, there])
