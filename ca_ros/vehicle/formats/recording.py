@@ -175,8 +175,8 @@ def _from_ulog(path: Path) -> dict[str, Array]:
         if topic in topics:
             times = topics[topic]['timestamp'].astype(float) / 1e6
             table = np.column_stack([topics[topic][each] for each in fields]).astype(float)
-            # In lockstep, an estimator that is late gives two states the same stamp.
-            last = np.diff(times, append=np.inf) > 0.0
+            # In lockstep, a late estimator gives two states the same stamp: the second one counts.
+            last = np.diff(times, append=np.inf) != 0.0
             columns[f't_{name}'], table = times[last], table[last]
             # The motors that an airframe does not have are not a number.
             there = np.isfinite(table).any(axis=0) | (name != 'command')
