@@ -13,7 +13,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import minimize
 from scipy.signal import butter, lfilter, sosfilt
 
-from ca_ros.arrays import Array
+from ca_ros.arrays import Array, BoolArray
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.effectiveness import rotor_wrenches
 from ca_ros.vehicle.formats.recording import Recording
@@ -31,6 +31,7 @@ DAMPING_MAX = 10.0  # greatest rate at which air damps or drives a rotation [1/s
 NEAR = 5  # lags and delays about the best, from which each resample chooses
 BEYOND = 3.0  # greatest command over the greatest speed of the vehicle's file
 EXCITED = 1e-6  # least variance of a side of the fit
+ROUNDING = 1e-15  # least singular value of the products of sides that counts, over the greatest
 AXES = 'roll', 'pitch', 'yaw', 'thrust'
 
 
@@ -147,33 +148,38 @@ def _sampled(time: Array, times: Array, values: Array) -> Array:
     return np.column_stack([np.interp(time, times, column) for column in values.T])
 
 
-def solve(sums: Array) -> tuple[Array, float]:
-    """Return the factors (4, 4) of the sides of each axis, and the error.
+def solve(sums: Array) -> tuple[Array, Array]:
+    """Return the factors (..., 4, 4) of the sides of each axis, and the errors (...).
 
     The factors give the measured side: those of the rotors, of their kick and of the damping; the
     last is -1.  The error is the sum of the logarithms of the axes' residual variances.
+
+    - `sums` (..., 4, 4, 4): products of the sides of each axis, see `FlightSides.products`
     """
-    factors, error = np.zeros((4, 4)), 0.0
-    factors[:, 3] = -1.0
-    for own, products in zip(factors, sums, strict=True):
-        if min(products[0, 0], products[3, 3]) <= EXCITED:
-            own[0] = np.nan
-            continue
-        there = np.flatnonzero(np.diag(products)[:3] > EXCITED)
-        for sides in there, there[there != 2]:
-            own[:3] = 0.0
-            own[sides] = np.linalg.lstsq(
-                products[np.ix_(sides, sides)], products[sides, 3], rcond=None)[0]
-            if abs(own[2]) <= DAMPING_MAX:
-                break
-        left = own @ products @ own
-        error += np.log(max(left / products[3, 3], 1e-12))
-    return factors, error
+    squares = np.diagonal(sums, axis1=-2, axis2=-1)
+    excited = np.minimum(squares[..., 0], squares[..., 3]) > EXCITED
+
+    def least(there: BoolArray) -> Array:
+        both = there[..., :, None] & there[..., None, :]
+        inverse = np.linalg.pinv(
+            np.where(both, sums[..., :3, :3], 0.0), rcond=ROUNDING, hermitian=True)
+        return np.asarray(np.einsum('...ij,...j->...i', inverse, sums[..., :3, 3]))
+
+    there = squares[..., :3] > EXCITED
+    damped, free = least(there), least(there & [True, True, False])
+    ratios = np.where(abs(damped[..., 2:]) <= DAMPING_MAX, damped, free)
+    factors = np.concatenate([ratios, np.full((*excited.shape, 1), -1.0)], axis=-1)
+    left = np.einsum('...i,...ij,...j->...', factors, sums, factors)
+    shares = np.divide(left, squares[..., 3], out=np.ones_like(left), where=excited)
+    factors[~excited] = [np.nan, 0.0, 0.0, -1.0]
+    return factors, np.log(np.maximum(shares, 1e-12)).sum(axis=-1)
 
 
 def fitted(flights: Sequence[FlightSides], lag: float, delay: float) -> tuple[Array, float]:
     """Return the factors (4, 4) and the error of all flights; see `solve`."""
-    return solve(np.sum([flight.products(lag, delay).sum(axis=0) for flight in flights], axis=0))
+    sums = np.sum([flight.products(lag, delay).sum(axis=0) for flight in flights], axis=0)
+    factors, error = solve(sums)
+    return factors, float(error)
 
 
 def refine(flights: Sequence[FlightSides], lag: float, delay: float) -> None:
@@ -238,15 +244,14 @@ class Products:
         They are those of the rotors on each axis, and of the kick.  The error and the ratios are
         quadratic between the points.
         """
-        found = [solve(sums[blocks].sum(axis=0)) for sums in self.sums]
-        errors = self._surface @ [error for _, error in found]
-        ratios = self._surface @ np.array([[*each[:, 0], each[2, 1]] for each, _ in found])
-        _, *slope, xx, xy, yy = errors
+        factors, errors = solve(self.sums[:, blocks].sum(axis=1))
+        ratios = self._surface @ np.column_stack([factors[:, :, 0], factors[:, 2, 1]])
+        _, *slope, xx, xy, yy = self._surface @ errors
         bend = np.array([[2.0 * xx, xy], [xy, 2.0 * yy]])
         if np.linalg.eigvalsh(bend)[0] > 0.0:
             place = np.clip(np.linalg.solve(bend, np.negative(slope)), *self._ends)
         else:
-            place = self._scaled[min(range(len(found)), key=lambda k: found[k][1])]
+            place = self._scaled[np.argmin(errors)]
         lag, delay = self.points[0] + place * self._reach
         return lag, delay, _powers(place[None])[0] @ ratios
 
