@@ -125,7 +125,7 @@ HEAVY = {'scipy', 'osqp', 'jinja2', *STUDIES}
 
 @pytest.mark.slow
 @pytest.mark.parametrize('modules', [
-    'ca_ros', ', '.join(COMMANDS[name][0] for name in (*LOOP, 'bringup'))])
+    'ca_ros', ', '.join(COMMANDS[name][0] for name in (*LOOP, 'bringup', 'monitor', 'viewer'))])
 def test_what_is_not_needed_is_not_imported(modules):
     result = subprocess.run(
         [sys.executable, '-c', IMPORTED.replace('MODULE', modules)], capture_output=True,

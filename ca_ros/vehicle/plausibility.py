@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ca_ros.arrays import Array
 from ca_ros.settings import ParameterError
@@ -96,6 +95,9 @@ def _carried(recording: Recording, edges: Array, flies: Array, gravity: float) -
     No velocity grows for long, so that they are nearly equal; a gyro that turns too far averages
     the force out.
     """
+    # Here, since the import takes half a second, and the monitor needs other things of this file.
+    from scipy.spatial.transform import Rotation
+
     fine = np.linspace(edges[0], edges[-1], STEPS * (len(edges) - 1) + 1)
     parts = len(edges) - 1, STEPS, 3
     rates, forces = (
