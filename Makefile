@@ -6,15 +6,13 @@ ifdef ROS_DISTRO
 # If ROS is sourced, it provides rclpy, and the wheels must not be installed.
 venv_options := --system-site-packages
 extras.demo := [studies]
-extras.test := [test]
+extras.test := [test,docs]
 extras.benchmark := [peers]
-extras.docs := [docs]
 else
 # The wheels contain only Fast DDS; modules from elsewhere must not shadow theirs.
 extras.demo := [ros,bag,studies]
-extras.test := [ros,test]
+extras.test := [ros,test,docs]
 extras.benchmark := [ros,peers]
-extras.docs := [ros,docs]
 unexport PYTHONPATH RMW_IMPLEMENTATION
 ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # This shell was started by a Python with such wheels; do not inherit the path of its libraries.
@@ -149,7 +147,7 @@ ca_ros/explorer.html: $(wildcard explorer/*.* explorer/src/* ca_ros/kernel/*.[ch
 	npm run --silent --prefix explorer build
 
 docs: page = $(wildcard ca_ros/explorer.html)
-docs: .venv/.docs
+docs: .venv/.test
 	rm -rf out/docs out/docs-source
 	mkdir -p out/docs-source/docs
 	cp README.md CHANGELOG.rst out/docs-source
@@ -176,7 +174,7 @@ steps := -e 's/^\(Collecting\|Downloading\) \([A-Za-z0-9._-]*\).*/  fetching \2/
   -e '/^ERROR/,$$p' -e '/^ *\(error:\|×\)/,$$p'
 
 # Installers do not notice half-installed packages, so after an interruption all starts in a new venv.
-.venv/.demo .venv/.test .venv/.benchmark .venv/.docs: .venv/.$(kind) setup.py setup.cfg ca_ros_cli.py
+.venv/.demo .venv/.test .venv/.benchmark: .venv/.$(kind) setup.py setup.cfg ca_ros_cli.py
 	@echo 'Installing ca_ros and what it needs into .venv, which can take some minutes:'
 	@rm $<
 	@{ { $(or $(uv),.venv/bin/uv) pip install --python .venv/bin/python $(package) || \

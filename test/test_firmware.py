@@ -158,7 +158,7 @@ STRICT = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('warnings', [[], STRICT], ids=['bare', 'strict'])
+@pytest.mark.parametrize('warnings', length([STRICT], [[], STRICT]))
 @pytest.mark.parametrize('compiler', length(['g++'], BARE))
 @pytest.mark.parametrize(('name', 'options'), length(
     [('hexarotor_realistic', ['--faults', 'none', '--detector'])],

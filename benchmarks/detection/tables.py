@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from scipy import stats
+from scipy.special import betaincinv, gammaincinv
 
 from benchmarks.detection.flights import POOLED, Count, Outcome
 from benchmarks.detection.reallocation import WAYS, Acted, Flown
@@ -11,15 +11,15 @@ from benchmarks.detection.reallocation import WAYS, Acted, Flown
 
 def rate(events: int, hours: float) -> str:
     """Return events an hour with the exact interval of a Poisson process."""
-    low = stats.chi2.ppf(0.025, 2 * events) / 2.0 if events else 0.0
-    high = stats.chi2.ppf(0.975, 2 * events + 2) / 2.0
+    low = gammaincinv(events, 0.025) if events else 0.0
+    high = gammaincinv(events + 1, 0.975)
     return f'{_short(events / hours)} [{_short(low / hours)}, {_short(high / hours)}]'
 
 
 def share(events: int, trials: int) -> str:
     """Return events of trials with the interval of Clopper and Pearson [%]."""
-    low = stats.beta.ppf(0.025, events, trials - events + 1) if events else 0.0
-    high = stats.beta.ppf(0.975, events + 1, trials - events) if events < trials else 1.0
+    low = betaincinv(events, trials - events + 1, 0.025) if events else 0.0
+    high = betaincinv(events + 1, trials - events, 0.975) if events < trials else 1.0
     found, low, high = (f'{100.0 * each:.1f}' for each in (events / trials, low, high))
     return f'{events}/{trials}: {found} [{low}, {high}]'
 
