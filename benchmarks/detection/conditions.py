@@ -24,7 +24,8 @@ SHARP = {
     'reach': 25.0, 'low': 5.0, 'high': 15.0, 'shortest': 2.0, 'longest': 5.0,
 }  # fmt: skip
 HOPS = {**CALM, 'speed': 2.0, 'low': 0.8, 'high': 1.6, 'period': 15.0}
-PUSHES = {**CALM, 'pushes': 60.0}  # one in each minute, of 0.3 m g if it is not set
+PUSHED = {'pushes': 60.0}  # one in each minute, of 0.3 m g if it is not set
+PUSHES = {**CALM, **PUSHED}
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,10 @@ FLOWN = {
     'landings': Condition(HOPS, wind=(0.0, 5.0), lag=(0.2, 0.3), spread=(0.03, 0.05)),
     'pushes': Condition(PUSHES),
     'latency': Condition(SHARP, lag=(0.2, 0.35), spread=(0.05, 0.08), delay=0.01, age=0.01),
+    'pushes in turbulence': Condition(
+        PUSHES, wind=(4.0, 8.0), lag=(0.2, 0.3), spread=(0.03, 0.05)),
+    'aggressive pushes': Condition(
+        {**SHARP, **PUSHED}, lag=(0.2, 0.35), spread=(0.05, 0.08)),
 }
 """The conditions of the tables."""
 
