@@ -6,12 +6,12 @@ ifdef ROS_DISTRO
 # If ROS is sourced, it provides rclpy, and the wheels must not be installed.
 venv_options := --system-site-packages
 extras.demo := [studies]
-extras.test := [test,docs]
+extras.test := [test]
 extras.benchmark := [peers]
 else
 # The wheels contain only Fast DDS; modules from elsewhere must not shadow theirs.
 extras.demo := [ros,bag,studies]
-extras.test := [ros,test,docs]
+extras.test := [ros,test]
 extras.benchmark := [ros,peers]
 unexport PYTHONPATH RMW_IMPLEMENTATION
 ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE

@@ -180,8 +180,6 @@ setup(
         'peers': [*peers, *studies],
         # Tests of the explorer, with the Chromium of the system.
         'browser': ['playwright>=1.40'],
-        # For `make docs`.
-        'docs': ['sphinx>=7.2', 'furo>=2024.8.6', 'myst-parser>=3.0', 'numpydoc>=1.7', *testing],
         # Here and not in tests_require, with which colcon would run no test at all. The checkers
         # are held back because each new series may report errors in code that passed before.
         'test': [
@@ -197,6 +195,11 @@ setup(
             'ruff~=0.17.5',
             'types-PyYAML',
             'wheel',
+            # For `make docs`.
+            'furo>=2024.8.6',
+            'myst-parser>=3.0',
+            'numpydoc>=1.7',
+            'sphinx>=7.2',
             *bag,
             *cluster,
             *mujoco,
