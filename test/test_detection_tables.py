@@ -72,8 +72,8 @@ def test_other_results_make_another_page(results):
 @pytest.mark.parametrize('name', [
     'total', *(pytest.param(name, marks=pytest.mark.slow) for name in ('pushes', 'left')),
     *(pytest.param(name, marks=pytest.mark.long) for name in (
-        'pooled', 'landings', 'pushes_elsewhere', 'latency', 'kinds', 'mujoco', 'imu', 'stopped', 'told', 'acting',
-        'afterwards', 'own_plant', 'rotorpy'))])
+        'pooled', 'landings', 'pushes_elsewhere', 'latency', 'kinds', 'mujoco', 'imu', 'stopped',
+        'told', 'acting', 'afterwards', 'own_plant', 'rotorpy'))])
 def test_a_small_trial_has_the_same_tables(name, results, trial, capsys):
     if name in ('mujoco', 'rotorpy'):
         pytest.importorskip(name)

@@ -129,8 +129,8 @@ PARTS = {
     'pooled': Part('--publish --losses 0 --hours 3.4 --conditions usual turbulence aggressive'),
     'landings': Part('--publish --losses 0 --hours 2.6 --conditions landings'),
     'pushes': Part('--publish --losses 0 --hours 15 --conditions pushes'),
-    'pushes_elsewhere': Part("--publish --losses 0 --hours 7.5 --conditions 'pushes in turbulence' "
-                             "'aggressive pushes'"),
+    'pushes_elsewhere': Part("--publish --losses 0 --hours 7.5 --conditions "
+                             "'pushes in turbulence' 'aggressive pushes'"),
     'latency': Part('--publish --losses 0 --hours 3 --conditions latency'),
     'total': Part('--publish --hours 0 --losses 400 --kinds total'),
     'kinds': Part("--publish --hours 0 --losses 400 --kinds '50 %' fade stuck"),
