@@ -319,6 +319,14 @@ def test_a_damaged_file_is_refused(spoil, tmp_path, capsys):
 
 
 @pytest.mark.parametrize('command', ['replay', 'identify'])
+def test_rotors_that_tilt_are_refused(command, tmp_path, capsys):
+    recorded()[2].write_csv(tmp_path / 'flight.csv')
+    assert main([command, str(tmp_path / 'flight.csv'), 'hexarotor_tilting']) == 1
+    [*_, line] = capsys.readouterr().err.splitlines()
+    assert 'rotors.tilt_axes: a recorded flight has no tilt angles' in line
+
+
+@pytest.mark.parametrize('command', ['replay', 'identify'])
 def test_a_flight_of_one_row_is_refused(command, tmp_path, capsys):
     _, recording, _ = recorded()
     file = tmp_path / 'flight.npz'

@@ -120,8 +120,6 @@ def identify(
         speeds are far from seconds and rad/s.
     """
     inertia_of(vehicle, FIRST_GUESS)
-    if len(vehicle.servos):
-        raise ParameterError('rotors.tilt_axes: rotors that tilt cannot be identified')
     flights = [FlightSides(vehicle, each, measured) for each in recordings]
     if (blocks := sum(flight.blocks for flight in flights)) < BLOCKS_MIN:
         raise ParameterError(

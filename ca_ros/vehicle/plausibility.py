@@ -166,8 +166,14 @@ def check(vehicle: Vehicle, recording: Recording, source: str = 'command') -> li
 
     Raises a ParameterError that names the stream if its unit or frame cannot be right.
 
+    Or if rotors tilt, since a recording has no angles of them.
+
     - `source`: the stream of rotor speeds [rad/s]
     """
+    if len(vehicle.servos):
+        raise ParameterError(
+            'rotors.tilt_axes: a recorded flight has no tilt angles: expected rotors that do not '
+            'tilt')
     times, speeds = recording.times[source], recording.values[source]
     thrusts = vehicle.thrusts(speeds)
     lift, notes = thrusts.sum(axis=1), dict[str, str]()
