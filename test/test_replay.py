@@ -521,6 +521,15 @@ def test_a_stream_that_is_frozen_in_the_air_is_said(name, last, said):
     assert not any('does not change' in note for note in motion_of(vehicle, grounded).notes)
 
 
+def test_measured_speeds_are_said_not_to_be_used():
+    vehicle, recording, _ = recorded()
+    speeds = {'speed': recording.values['command']}
+    with_speeds = Recording(
+        recording.times | {'speed': recording.times['command']}, recording.values | speeds, 'it')
+    assert motion_of(vehicle, with_speeds).notes == [
+        'measured speeds are not used: losses are tested by commands']
+
+
 def test_commands_that_are_clipped_are_counted():
     vehicle, recording, _ = recorded()
     values = recording.values['command'].copy()

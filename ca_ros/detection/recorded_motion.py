@@ -39,6 +39,8 @@ def motion_of(vehicle: Vehicle, recording: Recording) -> Motion:
     used = [name for name in recording.times if name != 'speed']
     notes = clipped(vehicle, recording) + check(vehicle, recording) + slow(recording, used)
     notes += frozen(vehicle, recording, [name for name in used if name != 'command'])
+    if 'speed' in recording.times:
+        notes.append('measured speeds are not used: losses are tested by commands')
     start, end = recording.span
     times = recording.times['gyro']
     times = times[(times >= start) & (times <= end)]
