@@ -348,6 +348,7 @@ def test_commands_in_turns_a_second_are_said_once():
 
 @pytest.mark.parametrize(('stream', 'value', 'answer'), [
     ('velocity', 1e12, 'velocity: row 101, t 1: [1000000000000.0, '),
+    ('gyro', 1e5, 'gyro: row 101, t 1: [100000.0, '),
     ('velocity', np.inf, 'velocity: row 101, t 1: [inf, '),
     ('attitude', 0.0, 'attitude: row 101, t 1: [0.0, 0.0, 0.0, 0.0]: expected a quaternion that'),
     ('t', 1e3, 't: steps of 10 s in the median: expected seconds'),

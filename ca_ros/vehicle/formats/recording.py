@@ -18,19 +18,20 @@ from ca_ros.settings import ParameterError
 from ca_ros.vehicle.formats.bag import streams_of
 
 STREAMS = {
-    'command': ('command_', ''), 'gyro': ('gyro_', 'xyz'), 'acc': ('acc_', 'xyz'),
-    'attitude': ('q', 'xyzw'), 'velocity': ('v', 'xyz'), 'speed': ('speed_measured_', ''),
+    'command': ('command_', '', 1e6), 'gyro': ('gyro_', 'xyz', 1e4), 'acc': ('acc_', 'xyz', 1e5),
+    'attitude': ('q', 'xyzw', 1e5), 'velocity': ('v', 'xyz', 1e6),
+    'speed': ('speed_measured_', '', 1e6),
 }
 """The streams of a recording: how the titles of their columns begin, and how they end.
 
-Without ends the columns are those of the rotors, numbered from 1.
+Without ends the columns are those of the rotors, numbered from 1.  The last is the greatest number
+that a vehicle has, also in rpm, deg/s or mm/s: `ca_ros.vehicle.plausibility` tells units.
 """
 
 FRD = np.array([1.0, -1.0, -1.0])  # signs of front-right-down in front-left-up
 G = 9.80665  # a specific force of 1 g [m/s^2]
 
 STEP_MAX = 0.5  # the median step of a gyro is below it [s]
-VALUE_MAX = 1e9  # greatest number of a stream
 
 RECORDING_MAX = 1_000_000_000  # greatest size of a file [bytes]
 SUFFIXES = '.csv', '.npz', '.ulg', '.mcap', '.db3'
@@ -194,7 +195,7 @@ def _from_bag(path: Path) -> dict[str, Array]:
 
 def _titles(name: str, rotors: int) -> list[str]:
     """Return the titles of the columns of a stream."""
-    begin, ends = STREAMS[name]
+    begin, ends, _ = STREAMS[name]
     return [f'{begin}{end}' for end in ends or range(1, rotors + 1)]
 
 
@@ -208,7 +209,7 @@ def _columns(name: str, table: Array) -> dict[str, Array]:
 
 def _stream_of(title: str) -> str | None:
     """Return the stream that a column belongs to."""
-    for name, (begin, ends) in STREAMS.items():
+    for name, (begin, ends, _) in STREAMS.items():
         if re.fullmatch(rf'{begin}{f"[{ends}]" if ends else "[0-9]+"}', title):
             return name
     return None
@@ -219,7 +220,8 @@ def _check(name: str, rows: NDArray[np.integer], times: Array, table: Array) -> 
 
     `rows` (K,): the numbers of the rows, without that of the titles
     """
-    wrong, expected = ~(abs(table) <= VALUE_MAX).all(axis=1), f'numbers up to {VALUE_MAX:g}'
+    most = STREAMS[name][2]
+    wrong, expected = ~(abs(table) <= most).all(axis=1), f'numbers up to {most:g}'
     if name == 'attitude' and not wrong.any():
         wrong, expected = ~table.any(axis=1), 'a quaternion that is not zero'
     if wrong.any():
