@@ -302,8 +302,19 @@ def test_what_cannot_be_replayed_is_refused(tmp_path, capsys):
     assert main(['replay', 'none.npz', 'hexarotor', '--figure', 'a.txt']) == 1
     answer = '--figure a.txt: expected a name that ends with .png, .svg, .pdf'
     assert answer in capsys.readouterr().err
-    assert main(['replay', 'none.npz', 'hexarotor', '--figure', 'none/a.png']) == 1
-    assert '--figure none/a.png: no such folder: none' in capsys.readouterr().err
+    (tmp_path / 'folder.png').mkdir()
+    for name, fault in (
+            (f'{tmp_path}/folder.png', 'Is a directory'), ('/proc/a.png', 'No such file'),
+            ('none/a.png', 'No such file or directory')):
+        assert main(['replay', 'none.npz', 'hexarotor', '--figure', name]) == 1
+        assert f'--figure {name}: {fault}' in capsys.readouterr().err
+    # Nothing is written before the figure.
+    (tmp_path / 'old.png').write_bytes(b'old')
+    for name in ('old', 'new'):
+        assert main(['replay', 'none.npz', 'hexarotor', '--figure', f'{tmp_path}/{name}.png']) == 1
+        assert 'none.npz' in capsys.readouterr().err
+    assert (tmp_path / 'old.png').read_bytes() == b'old'
+    assert not (tmp_path / 'new.png').exists()
 
 
 @pytest.mark.parametrize('spoil', [

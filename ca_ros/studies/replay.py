@@ -12,6 +12,7 @@ from ca_ros.detection.detector_settings import DetectorSettings, no_lag
 from ca_ros.detection.injected_loss import WAIT, without_rotor
 from ca_ros.detection.recorded_motion import motion_of
 from ca_ros.detection.replay import Replay, replay
+from ca_ros.errors import message
 from ca_ros.figures import FORMATS
 from ca_ros.parameter_files import MonitorSettings, load_for
 from ca_ros.settings import ParameterError
@@ -84,11 +85,17 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _check_figure(file: Path) -> None:
+    """Raise a ParameterError if no figure can be written to a file."""
     if file.suffix[1:] not in FORMATS:
         raise ParameterError(f'--figure {file}: expected a name that ends with '
                              f'{", ".join(f".{form}" for form in FORMATS)}')
-    if not file.parent.is_dir():
-        raise ParameterError(f'--figure {file}: no such folder: {file.parent}')
+    new = not file.exists()
+    try:
+        file.open('ab').close()
+    except OSError as error:
+        raise ParameterError(f'--figure {message(error, file)}') from None
+    if new:
+        file.unlink()
 
 
 def settings_of(vehicle: str | Path) -> DetectorSettings:
