@@ -617,6 +617,14 @@ def test_a_loss_that_cannot_be_named_in_time_says_why(tmp_path, capsys):
         assert main([*command, text]) == 1
         assert re.search(f'--inject {text}: nothing is tested then, but from 0.[45]. s on',
                          capsys.readouterr().err)
+    _, recording, _ = recorded()
+    idle = recording.with_stream('command', recording.values['command'].copy())
+    idle.values['command'][398:403] *= 0.5
+    np.savez(tmp_path / 'idle.npz', t=idle.times['gyro'], **without(idle, 'acc').values)
+    words = [str(tmp_path / 'idle.npz'), 'hexarotor_realistic', '--inject', '2@4']
+    assert main(['replay', *words]) == 1
+    assert re.search('--inject 2@4: the commands carry 2. % of the weight then: expected a time '
+                     'in flight', capsys.readouterr().err)
     main([*command, '2@3.5', '--inject', '2@4.98'])
     tested, late = capsys.readouterr().out.splitlines()[-2:]
     unsure = '; the motion does not show that the file fits'

@@ -10,7 +10,7 @@ import numpy as np
 from ca_ros.arguments import add_recording, command
 from ca_ros.detection.detector_settings import DetectorSettings, no_lag
 from ca_ros.detection.injected_loss import WAIT, without_rotor
-from ca_ros.detection.recorded_motion import motion_of
+from ca_ros.detection.recorded_motion import held, motion_of
 from ca_ros.detection.replay import Replay, replay
 from ca_ros.errors import message
 from ca_ros.figures import FORMATS
@@ -18,6 +18,7 @@ from ca_ros.parameter_files import MonitorSettings, load_for
 from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import read as read_file
 from ca_ros.vehicle.formats.recording import read_recording
+from ca_ros.vehicle.plausibility import IN_AIR
 from ca_ros.vehicle.vehicle import Vehicle
 
 
@@ -60,6 +61,12 @@ def run(options: argparse.Namespace) -> None:
             begin = f', but from {later[0]:.2f} s on' if len(later) else ', nor later'
             raise ParameterError(
                 f'--inject {rotor + 1}@{time:g}: nothing is tested then{begin}')
+        command = held(recording, 'command', motion.times[:1] + time)
+        share = vehicle.thrusts(command).sum() / vehicle.weight
+        if share < IN_AIR:
+            raise ParameterError(
+                f'--inject {rotor + 1}@{time:g}: the commands carry {100.0 * share:.0f} % of the '
+                'weight then: expected a time in flight')
     like = match(
         vehicle, recording, settings.motor_time_constant, settings.delay, found.carried)
     if like.fault:
