@@ -329,6 +329,21 @@ def test_a_damaged_file_is_refused(spoil, tmp_path, capsys):
     assert capsys.readouterr().err.endswith(words)
 
 
+@pytest.mark.parametrize(('name', 'content'), [
+    ('bag/metadata.yaml', b'a: ['), ('bag/metadata.yaml', b'a'), ('a.mcap', b'a'),
+    ('b.mcap', b'\x89MCAP0\r\n' + bytes([1] * 200)), ('a.db3', b'a'), ('a.csv', b'\xff'),
+    ('b.csv', b't,gyro_x\n"' + b'a' * 200000)])
+def test_one_line_says_that_a_flight_is_damaged(name, content, tmp_path, capsys):
+    if not name.endswith('.csv'):
+        pytest.importorskip('rosbags', reason="needs the extra 'bag'")
+    (tmp_path / 'bag').mkdir()
+    (tmp_path / name).write_bytes(content)
+    given = tmp_path / name.removesuffix('/metadata.yaml')
+    assert main(['replay', str(given), 'hexarotor_realistic']) == 1
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith(f'ca_ros replay: {given}: damaged, or no flight: ')
+
+
 @pytest.mark.parametrize('command', ['replay', 'identify'])
 def test_rotors_that_tilt_are_refused(command, tmp_path, capsys):
     recorded()[2].write_csv(tmp_path / 'flight.csv')

@@ -31,21 +31,18 @@ def streams_of(path: Path) -> dict[str, tuple[Array, Array]]:
     same stamp the last one counts, since the state at rest is repeated until a flight begins.  A
     command without a stamp has that of the last pose.
 
-    Raises a ParameterError if `rosbags` is missing, the bag cannot be read, or it has not the
-    commands of one vehicle.
+    Raises a ParameterError if `rosbags` is missing or the bag has not the commands of one vehicle,
+    and any error if it is damaged.
     """
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise ParameterError(
             "a bag needs rosbags: pip install rosbags, or ca_ros's extra 'bag'") from None
-    try:
-        # Bags in SQLite from before Jazzy do not define their types.
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            return _streams(reader)
-    except AnyReaderError as error:
-        raise ParameterError(str(error)) from None
+    # Bags in SQLite from before Jazzy do not define their types.
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        return _streams(reader)
 
 
 def _streams(reader: Any) -> dict[str, tuple[Array, Array]]:

@@ -103,8 +103,12 @@ def read_recording(file: str | Path, rotors: int, frame: str = 'flu') -> Recordi
     try:
         read = {'.csv': _from_csv, '.npz': _from_npz, '.ulg': _from_ulog}
         columns = read.get('' if bag else path.suffix, _from_bag)(path)
-    except (OSError, UnicodeDecodeError, csv.Error, ValueError, KeyError) as error:
+    except (OSError, ParameterError) as error:
         raise ParameterError(message(error, path)) from None
+    except Exception as error:
+        # Damaged bytes raise whatever a parser meets, some of it in many lines or without words.
+        first = str(error).partition('\n')[0] or type(error).__name__
+        raise ParameterError(f'{path}: damaged, or no flight: {first}') from None
     try:
         recording = _streams(columns, rotors)
     except ParameterError as error:
