@@ -112,6 +112,20 @@ def test_what_cannot_be_is_refused_and_what_is_missing_is_said(tmp_path, capsys)
     assert 'command: nothing from 5.00 to 7.00 s' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize('begin', [0, 2000])
+def test_a_gyro_that_is_frozen_is_said_and_judges_nothing(begin, tmp_path, capsys):
+    _, recording = flown('hexarotor')
+    gyro = recording.values['gyro'].copy()
+    gyro[begin:] = gyro[begin]
+    write(tmp_path / 'flight.csv', recording.with_stream('gyro', gyro))
+    main(['identify', str(tmp_path / 'flight.csv'), 'hexarotor'])
+    out, err = capsys.readouterr()
+    assert f'flight.csv: gyro: does not change from {STEP * begin:.2f} s on' in err
+    assert 'inf' not in out
+    assert 'delay: a part without motion judges nothing' in out
+    assert 'angular_velocity_noise: no ratio of the gyro is sure' in out
+
+
 def test_several_flights_are_judged_by_each_other():
     vehicle, recording = flown('hexarotor')
     _, other = flown('hexarotor', seconds=8.0, seed=1)
@@ -157,7 +171,7 @@ def test_noise_explains_nothing():
     assert found.lag.fault
     assert found.parameters == {}
     assert found.left['rotors.thrust_coefficient'] == 'no accelerometer'
-    assert found.left['detector.angular_velocity_noise'] == 'no other parameter is sure'
+    assert found.left['detector.angular_velocity_noise'] == 'no ratio of the gyro is sure'
 
 
 @pytest.mark.parametrize(('factor', 'unit'), [(1e3, 'ms'), (1e6, 'us')])

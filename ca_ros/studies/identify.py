@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from ca_ros.settings import ParameterError
 from ca_ros.vehicle.files import find
 from ca_ros.vehicle.formats.edited_yaml import with_values
 from ca_ros.vehicle.formats.recording import read_recording
-from ca_ros.vehicle.plausibility import gaps
+from ca_ros.vehicle.plausibility import frozen, gaps
 from ca_ros.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -49,7 +50,12 @@ def run(options: argparse.Namespace) -> None:
     missing = [
         f'{flight.name}: {names}: nothing from {begin:.2f} to {end:.2f} s'
         for flight in flights for names, begin, end in gaps(flight, ('command', 'gyro'))]
-    for warning in [*missing, *warnings(found)]:
+    source = 'speed' if options.measured else 'command'
+    still = [
+        f'{flight.name}: {words}' for flight in flights
+        for words in frozen(
+            vehicle, flight, [name for name in ('gyro', 'acc') if name in flight.times], source)]
+    for warning in [*missing, *still, *warnings(found)]:
         print(f'ca_ros identify: warning: {warning}', file=sys.stderr)
     if not found.parameters:
         why = 'a sign is wrong' if found.wrong_signs else 'no parameter is sure'
@@ -72,7 +78,9 @@ def report(found: Identification) -> list[str]:
     for name, each in found.effectiveness.items():
         rows[f'{name}, acceleration over that of the file'] = each
     rows['inertia of a rotor over that of the vehicle about z'] = found.kick
-    lines += [f'{name}: {each}; R^2 {each.r2:.2f}' for name, each in rows.items()]
+    lines += [
+        f'{name}: {each}' + f'; R^2 {each.r2:.2f}' * isfinite(each.r2)
+        for name, each in rows.items()]
     lines.append(f'white noise of the gyro: {found.noise:.3g} rad/s')
     lines.append('sure, as parameters:')
     lines += [f'    {name}: {value}' for name, value in found.parameters.items()]

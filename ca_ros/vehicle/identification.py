@@ -37,7 +37,7 @@ class Estimate:
 
     - `value`, and the ends `low` and `high` of its interval of 95 %
     - `unit`
-    - `r2`: the least R^2 on parts that were not used for the fit
+    - `r2`: the least R^2 on parts that were not used for the fit; -inf if one has no motion
     - `fault`: why it is not sure; empty if it is
     """
 
@@ -142,6 +142,8 @@ def identify(
         fault = ''
         if quality < SURE_R2:
             fault = f'R^2 of {quality:.2f} on unseen parts'
+            if quality == -np.inf:
+                fault = 'a part without motion judges nothing'
         elif half > SURE_WIDTH * size:
             fault = f'interval of +-{100.0 * half / size:.0f} %'
         return Estimate(float(values[i]), float(low[i]), float(high[i]), unit, quality, fault)
@@ -228,10 +230,10 @@ def _with_parameters(found: Identification, vehicle: Vehicle) -> Identification:
             left[name] = each.fault
         else:
             given[name] = _rounded(each.value)
-    if given:
+    if {*AXES[:3]} & sure.keys():
         given[noise] = _rounded(found.noise)
     else:
-        left[noise] = 'no other parameter is sure'
+        left[noise] = 'no ratio of the gyro is sure'
     return replace(found, effectiveness=effectiveness, parameters=given, left=left)
 
 

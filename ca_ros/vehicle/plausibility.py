@@ -234,16 +234,18 @@ def gaps(recording: Recording, names: Iterable[str]) -> list[tuple[str, float, f
     return [(', '.join(streams), *when) for when, streams in sorted(found.items())]
 
 
-def frozen(vehicle: Vehicle, recording: Recording, names: Iterable[str]) -> list[str]:
+def frozen(
+    vehicle: Vehicle, recording: Recording, names: Iterable[str], source: str = 'command'
+) -> list[str]:
     """Return in words which streams do not change for `FROZEN` or more, and from when on.
 
-    In the air by the commands, which are rotor speeds [rad/s].
+    In the air by the stream `source`, which are rotor speeds [rad/s].
     """
-    lift = vehicle.thrusts(recording.values['command']).sum(axis=1)
+    lift = vehicle.thrusts(recording.values[source]).sum(axis=1)
     start, notes = recording.span[0], []
     for name in names:
         times, values = recording.times[name], recording.values[name]
-        flies = np.interp(times, recording.times['command'], lift) >= IN_AIR * vehicle.weight
+        flies = np.interp(times, recording.times[source], lift) >= IN_AIR * vehicle.weight
         same = (values[1:] == values[:-1]).all(axis=1) & flies[1:] & flies[:-1]
         edges = np.flatnonzero(np.diff(np.concatenate([[0], same, [0]])))
         begin, lasting = times[edges[::2]], times[edges[1::2]] - times[edges[::2]]
