@@ -11,6 +11,7 @@ import yaml
 from ca_ros import ALLOCATORS, ParameterError, Vehicle, make_allocator
 from ca_ros.control.controller import Controller
 from ca_ros.control.controller_settings import ControllerSettings
+from ca_ros.detection.naming import WEAK_LOSS
 from ca_ros.parameter_files import (
     DECLARED,
     AllocatorSettings,
@@ -367,6 +368,10 @@ def test_a_name_that_is_no_more_is_refused_with_what_to_do(tmp_path, name):
     with pytest.raises(ParameterError, match=f'{name}: no such parameter or value any') as error:
         load(write(tmp_path / 'old.yaml', {name: value or 1.0}))
     assert '\n' not in str(error.value)
+
+
+def test_the_least_loss_is_that_from_which_a_rotor_is_named():
+    assert f' {100.0 * WEAK_LOSS:.0f} % ' in REMOVED['detector.least_loss']
 
 
 @pytest.mark.parametrize('method', ALLOCATORS)
