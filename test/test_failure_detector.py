@@ -166,7 +166,8 @@ def test_both_engines_take_names_and_refuse_the_same():
             each.observe(0, LEVEL, still, still, None, still)
 
 
-@pytest.mark.parametrize('place', [0.05, [0.05], [50.0, 0.0, 0.0]])
+@pytest.mark.parametrize('place', [
+    0.05, [0.05], [50.0, 0.0, 0.0], [[0, 0, 0]], [[0, 0], [0], [0]]])
 def test_a_place_of_the_accelerometer_that_cannot_be_is_refused(place):
     for given in (0.0, [0.0], 0):
         assert not DetectorSettings(imu_position=given).has_imu

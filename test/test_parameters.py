@@ -431,6 +431,9 @@ def test_a_list_in_a_list_is_refused_as_ros_refuses_it(tmp_path):
     file.write_text(text.replace('method: exact', groups), encoding='utf-8')
     with pytest.raises(ParameterError, match=r'order: expected one list .* got a list in a list'):
         Vehicle.load(file)
+    file.write_text(text.replace('mass: 1.0', 'mass: [[0, 0, 0]]'), encoding='utf-8')
+    with pytest.raises(ParameterError, match=r'mass: .*, such as \[0\.0, 0\.5, 1\.0\] or .* got'):
+        Vehicle.load(file)
     file.write_text(text.replace('mass: 1.0', 'mass: 6.8kg'), encoding='utf-8')
     with pytest.raises(ParameterError, match=r"vehicle\.mass: '6\.8kg' is no number"):
         Vehicle.load(file)

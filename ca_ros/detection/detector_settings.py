@@ -33,8 +33,11 @@ class ImuSettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        place = np.ravel(self.imu_position)
-        if (len(place) == 1 and place[0] != 0.0) or np.linalg.norm(place) > FARTHEST:
+        given = self.imu_position
+        place = given if isinstance(given, tuple) else (given,)
+        nested = any(isinstance(each, tuple) for each in place)
+        one = len(place) == 1 and place[0] != 0.0
+        if nested or one or np.linalg.norm(place) > FARTHEST:
             raise ParameterError(
                 f'imu_position: expected x, y, z up to {FARTHEST:g} m from the centre of mass, or '
                 f'0 for no accelerometer, got {self.imu_position}')

@@ -220,7 +220,9 @@ def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
 def _fault_of_list(values: Sequence[Any]) -> str:
     """Return what ROS expects instead of a list, and what it got; empty if it reads the list."""
     if any(isinstance(each, list | dict) for each in values):
-        return "numbers or words, such as ['roll pitch', thrust, yaw], got a list in a list"
+        return (
+            "numbers or words, such as [0.0, 0.5, 1.0] or ['roll pitch', thrust, yaw], got a list "
+            'in a list')
     if len({type(each) for each in values}) > 1:
         return (
             'words, of numbers with a decimal point or of numbers without, such as '
