@@ -88,6 +88,14 @@ def natural(text: str) -> int:
     raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 on')
 
 
+def amount(text: str) -> float:
+    """Return a finite number from 0 on; an argparse type."""
+    number = finite(text)
+    if number < 0.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a number from 0 on')
+    return number
+
+
 def named(known: Iterable[str]) -> Callable[[str], tuple[str, ...]]:
     """Return an argparse type: some of the known names, separated by commas, each once."""
 

@@ -418,6 +418,14 @@ def test_help_is_printed(capsys):
     assert example in DetectorSettings.__dataclass_fields__
 
 
+@pytest.mark.parametrize(('name', 'value'), [
+    ('hours', 'nan'), ('hours', '-1'), ('losses', '-1'), ('jobs', '0')])
+def test_numbers_that_cannot_be_are_refused(name, value, capsys):
+    with pytest.raises(SystemExit, match='2'):
+        main([f'--{name}', value])
+    assert f'error: argument --{name}: ' in capsys.readouterr().err
+
+
 def test_a_setting_that_is_none_is_refused(capsys):
     with pytest.raises(SystemExit, match='2'):
         main(['--set', 'certainty=0.99'])

@@ -89,7 +89,11 @@ def test_a_small_trial_has_the_same_tables(name, results, trial, capsys):
 
 def test_what_cannot_be_flown_stays_and_is_said(results, trial, capsys):
     assert trial('real_flights') == results
-    assert capsys.readouterr().err == 'real_flights: left as it is: needs --flights\n'
+    out, err = capsys.readouterr()
+    assert (out, err) == ('', 'real_flights: left as it is: needs --flights\n')
+    with pytest.raises(SystemExit, match='2'):
+        detection.main(['--only', 'real_flights', '--flights', '/nosuch'])
+    assert 'error: --flights: no such folder: /nosuch' in capsys.readouterr().err
 
 
 def test_an_incomplete_set_of_real_flights_is_said(results):

@@ -29,6 +29,7 @@ from benchmarks.detection.flights import (
     fly,
 )
 from benchmarks.detection.reallocation import ACTING, AFTERWARDS, WAYS, act, call, fly_on
+from ca_ros.arguments import amount, natural, positive
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.errors import CaRosError
 
@@ -135,15 +136,16 @@ def parser_of_options() -> argparse.ArgumentParser:
         prog='python -m benchmarks.detection', description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add('--hours', type=float, default=0.2, help='of each vehicle in each condition [h]')
-    add('--losses', type=int, default=30, help='of each vehicle and kind')
-    add('--flights', type=int, default=0, help='of each vehicle in which the allocator is told')
-    add('--left', type=float, default=0.0,
+    add('--hours', type=amount, default=0.2, help='of each vehicle in each condition [h]')
+    add('--losses', type=natural, default=30, help='of each vehicle and kind')
+    add('--flights', type=natural, default=0,
+        help='of each vehicle in which the allocator is told')
+    add('--left', type=amount, default=0.0,
         help='share of its thrust that the rotor of --flights keeps')
-    add('--mujoco', type=float, default=0.0, help='of each vehicle, landings in MuJoCo [h]')
-    add('--acting', type=float, default=0.0,
+    add('--mujoco', type=amount, default=0.0, help='of each vehicle, landings in MuJoCo [h]')
+    add('--acting', type=amount, default=0.0,
         help='of each vehicle and condition, in which the allocator does what it is told [h]')
-    add('--afterwards', type=float, default=0.0,
+    add('--afterwards', type=amount, default=0.0,
         help='the same, from when a rotor is lost: further names of sound ones [h]')
     add('--vehicles', nargs='+', default=VEHICLES, choices=VEHICLES)
     add('--conditions', nargs='*', default=[*FLOWN], choices=FLOWN, metavar='NAME',
@@ -157,8 +159,8 @@ def parser_of_options() -> argparse.ArgumentParser:
         help='the detector gets the specific force, too, or angular velocity and this alone, or '
         f'this from {STOPPED:g} s on')
     add('--publish', action='store_true', help=f'seeds from {PUBLISHED} on')
-    add('--first', type=int, default=0, help='seed of the first flight, without --publish')
-    add('--jobs', type=int, default=1, help='processes')
+    add('--first', type=natural, default=0, help='seed of the first flight, without --publish')
+    add('--jobs', type=positive(int), default=1, help='processes')
     add('--out', type=Path, default=Path('out/detection'), metavar='DIR')
     return parser
 

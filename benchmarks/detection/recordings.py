@@ -5,6 +5,7 @@ of ``ca_ros replay``.  `benchmarks.detection.real_flights` does it for what othe
 """
 
 import argparse
+import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from ca_ros.detection.kernel_detector import make_detector
 from ca_ros.detection.lag_check import LagCheck
 from ca_ros.detection.recorded_motion import Motion, motion_of
 from ca_ros.detection.replay import Naming, Replay, replay
+from ca_ros.errors import message
 from ca_ros.studies.replay import settings_of
 from ca_ros.vehicle.formats.recording import Recording, read_recording
 from ca_ros.vehicle.identification import speeds_of
@@ -153,6 +155,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('--frame', choices=['flu', 'frd'], default='flu')
     add('--losses', action='store_true', help='take each rotor twice from the middle third')
     options = parser.parse_args(argv)
+    try:
+        run(options)
+    except (OSError, ValueError) as error:
+        print(f'recordings: {message(error)}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def run(options: argparse.Namespace) -> None:
+    """Replay and print."""
     flights = []
     for i, file in enumerate(options.flights):
         flights.append(through_detector(
@@ -168,7 +180,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         wrong = sum(bool(each.named) and not np.isfinite(each.after) for each in taken)
         print(f'losses named right {share(int(np.isfinite(after).sum()), len(taken))} %, '
               f'median {1e3 * np.median(after):.0f} ms, wrong {wrong}, within {WAIT:g} s')
-    return 0
 
 
 if __name__ == '__main__':

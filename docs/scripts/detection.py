@@ -232,11 +232,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     add('--flights', type=Path, metavar='FOLDER',
         help='has the clones of python -m benchmarks.detection.real_flights --help')
     options = parser.parse_args(argv)
+    if options.flights is not None and not options.flights.is_dir():
+        parser.error(f'--flights: no such folder: {options.flights}')
     share = options.hours / HOURS
     trial, results, page = share < 1.0, RESULTS, PAGE
     if trial:
         OUT.mkdir(parents=True, exist_ok=True)
         results, page = (Path(shutil.copy(path, OUT)) for path in (RESULTS, PAGE))
+    filled = False
     with pool_of(options.jobs) as pool:
         for name in options.only:
             begin = perf_counter()
@@ -251,7 +254,9 @@ def main(argv: Sequence[str] | None = None) -> None:
             fill(str(results), **{mark: text.strip() for mark, text in found.items()})
             fill(str(page), **page_tables(results.read_text(encoding='utf-8')))
             print(f'{name}: {perf_counter() - begin:.0f} s', flush=True)
-    print(f'written: {results}, {page}')
+            filled = True
+    if filled:
+        print(f'written: {results}, {page}')
 
 
 if __name__ == '__main__':
