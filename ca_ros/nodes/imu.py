@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from rclpy.node import Node
+
 from ca_ros.arrays import Array
 from ca_ros.detection.force_check import ForceCheck
 from ca_ros.detection.inertial import LATE, SpecificForces, Standby, ahead_by
@@ -74,10 +76,14 @@ class Imu:
             return WARN, ALONE
         return (WARN, AHEAD) if self._late else None
 
-    def values(self) -> dict[str, object]:
-        """Return what the diagnostics say of it."""
-        ahead = f'{self._forces.ahead / 1e6:.0f}'
-        return {f'{topics.IMU} ahead of the states [ms]': ahead} if self.used else {}
+    def values(self, node: Node) -> dict[str, object]:
+        """Return what the diagnostics say of it; log once if it comes without its place."""
+        if self.used:
+            return {f'{topics.IMU} ahead of the states [ms]': f'{self._forces.ahead / 1e6:.0f}'}
+        if not node.count_publishers(node.resolve_topic_name(topics.IMU)):
+            return {}
+        node.get_logger().warning(f'{topics.IMU}: {UNUSED}', once=True)
+        return {topics.IMU: UNUSED}
 
     def force(self, start: int | None, end: int) -> Array | None:
         """Return the mean specific force (3,) between two states [ns]; None if it is unknown."""

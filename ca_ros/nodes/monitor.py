@@ -23,7 +23,7 @@ from ca_ros.nodes.detector_words import failures_found, not_acted_on, values_of
 from ca_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics, Level
 from ca_ros.nodes.executable import run
 from ca_ros.nodes.found_health import FoundHealth
-from ca_ros.nodes.imu import ALONE, UNUSED, Imu
+from ca_ros.nodes.imu import ALONE, Imu
 from ca_ros.nodes.parameters import Parameters
 from ca_ros.nodes.rclpy_internals import given_parameters
 from ca_ros.nodes.stream import Streams
@@ -158,19 +158,11 @@ class MonitorNode(Node):
             what = 'state with a new stamp'
         return f'no {what}{self._imu.missing()}'
 
-    def _unused_imu(self) -> dict[str, object]:
-        """Return what to say of an Imu that comes without its position; log it once."""
-        name = self.resolve_topic_name(topics.IMU)
-        if self._imu.used or not self.count_publishers(name):
-            return {}
-        self.get_logger().warning(f'{topics.IMU}: {UNUSED}', once=True)
-        return {topics.IMU: UNUSED}
-
     def _values(self) -> dict[str, object]:
         total = self._lag_check.total
         return {
-            **self.belief.values(), **self._counts, **self._imu.values(),
-            **self._unused_imu(), **values_of(self.detector, self.found.withheld),
+            **self.belief.values(), **self._counts, **self._imu.values(self),
+            **values_of(self.detector, self.found.withheld),
             'lag and delay of motors [ms]': 'unknown' if total is None else f'{1e3 * total:.0f}',
         }
 
