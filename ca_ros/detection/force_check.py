@@ -10,17 +10,23 @@ from ca_ros.vehicle.state import rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
 WINDOWS = 2  # in a row with the same verdict, from which it counts
-READINGS = {'in g': np.full(3, G), 'forward-right-down': FRD}  # factors of what may be meant
+READINGS = {'in g': G * np.eye(3), 'forward-right-down': np.diag(FRD)} | {
+    f'in axes turned about z by {angle} degrees': np.array(
+        [[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    for angle, cosine, sine in ((90, 0.0, 1.0), (180, -1.0, 0.0), (270, 0.0, -1.0))
+}
+"""Matrices that give what is meant; axes are turned counter-clockwise, seen from above."""
 
 
 class ForceCheck:
-    """Finds an inertial unit that gives its specific force in g, or forward-right-down.
+    """Finds an inertial unit that gives its specific force in g, or in other axes.
 
     In windows the mean specific force is compared with what attitude and velocity of the states
     give, by the laws of motion, or, where no states come, with that of the commanded rotors in the
     air; with the tolerances of `ca_ros.vehicle.plausibility`.  It is wrong if it is off by more,
-    and another reading leaves less than 1 / `CLEARLY` of that; it is right if each other reading
-    leaves more than `CLEARLY` times as much.  Turns, falls and inverted flight are no faults.
+    and another reading leaves less than 1 / `CLEARLY` of that; it is right again if that reading
+    leaves more than `CLEARLY` times as much.  Axes that are turned about z show in wind or fast
+    flight alone, never in hover.  Turns, falls and inverted flight are no faults.
     Without states, a crash may look like one: rotors are commanded to carry a vehicle that lies on
     its back, or falls.
 
@@ -30,7 +36,7 @@ class ForceCheck:
     def __init__(self, vehicle: Vehicle) -> None:
         self.fault = ''
         self._vehicle = vehicle.intact
-        self._verdict, self._times = '', 0
+        self._verdict, self._found, self._times = '', '', 0
         self._state: tuple[int, Array] | None = None  # stamp, velocity in the world frame
         self._moved: Array = np.zeros(3)
         self._force: Array = np.zeros(3)
@@ -78,16 +84,17 @@ class ForceCheck:
             return
         off = float(np.linalg.norm(force - expected))
         left = {
-            words: float(np.linalg.norm(factor * force - expected))
-            for words, factor in READINGS.items()}
+            words: float(np.linalg.norm(matrix @ force - expected))
+            for words, matrix in READINGS.items()}
         verdict = min(left, key=left.__getitem__)
-        if CLEARLY * off < left[verdict]:
+        if off <= max(FORCE_OFF, CLEARLY * left[verdict]):
+            if self._found and CLEARLY * off >= left[self._found]:
+                return
             verdict = ''
-        elif off <= max(FORCE_OFF, CLEARLY * left[verdict]):
-            return
         self._times = self._times + 1 if verdict == self._verdict else 1
         self._verdict = verdict
         if self._times == WINDOWS:
+            self._found = verdict
             self.fault = verdict and (
                 f'its specific force is {off:.3g} m/s^2 away from that of the {source}; read as '
-                f'{verdict} {left[verdict]:.3g}: expected m/s^2, up in hover')
+                f'{verdict} {left[verdict]:.3g}: expected m/s^2, forward-left-up')
