@@ -88,6 +88,7 @@ def test_a_wrong_vehicle_is_refused_in_one_line_by_all_that_read_it(tmp_path):
     boat.write_text('problem: {matrix: [[1, 1]], lower: 0, upper: 1, unit: N}', encoding='utf-8')
     refused([
         (('allocator', '--vehicle', str(boat)), ['boat.yaml: problem.unit: no such entry']),
+        (('bringup', '--vehicle', files['negative']), [f'bringup: {files["negative"]}: vehicle']),
         *(((*way, files[fault]), words)
           for way, (fault, (_, _, words)) in zip(ways, cycle(WRONG.items()), strict=False)),
         *(((name, '--vehicle', files['no yaw']), [

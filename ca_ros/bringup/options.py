@@ -75,8 +75,9 @@ class Plan:
         others = any(word == '--params-file' or 'rotors.' in word for word in self.ros)
         if file is not None and not others:
             # The flight checks it again, with the parameters that the nodes have.
+            flown = vehicle_of(file, full_name(self.namespace, 'simulator'))
             try:
-                self.failures.check(vehicle_of(file, full_name(self.namespace, 'simulator')))
+                self.failures.check(flown)
             except ParameterError as error:
                 raise ParameterError(f'--fail {error}') from None
         space = ['-r', f'__ns:={self.namespace}']
