@@ -63,7 +63,7 @@ def match(
         sums = (weights * blocks).sum(axis=0)
         factors, error = solve(sums)
         if error < best[0]:
-            best = error, factors, sums
+            best = float(error), factors, sums
     _, factors, sums = best
     correlations = [
         float(own[0, 3] / np.sqrt(max(own[0, 0] * own[3, 3], EXCITED))) for own in sums[:3]]
