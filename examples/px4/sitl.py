@@ -33,14 +33,17 @@ class Sitl:
     - `speed`: simulated seconds a second
     - `nice`: niceness of all processes
     - `parameters`: of PX4, beside `PARAMETERS`
+    - `topics`: what PX4 logs, each as often as it comes; by default as SDLOG_PROFILE says
     - `instance`: number of this PX4; each needs another one
     """
 
     def __init__(
         self, build: Path, model: str, folder: Path, speed: float = 1.0, nice: int = 0,
         parameters: Mapping[str, object] | None = None, instance: int = 0,
+        topics: Sequence[str] = (),
     ) -> None:
         self.build, self.folder, self.instance = build, folder, str(instance)
+        self.topics = topics
         self.speed, self.nice, self.port = speed, nice, PORT + instance
         given = {**PARAMETERS, **(parameters or {})}
         self.environment = {
@@ -54,6 +57,12 @@ class Sitl:
 
     def __enter__(self) -> Self:
         self.folder.mkdir(parents=True)
+        if self.topics:
+            # PX4 uses this copy, since it is there already.
+            shutil.copytree(self.build / 'etc', self.folder / 'etc')
+            listed = self.folder / 'etc/logging/logger_topics.txt'
+            listed.parent.mkdir(exist_ok=True)
+            listed.write_text('\n'.join(self.topics) + '\n')
         self.start('px4', [self.build / 'bin/px4', '-i', self.instance, '-d', self.build / 'etc'])
         return self
 
