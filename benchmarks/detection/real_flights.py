@@ -9,14 +9,23 @@ import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.detection.data_sets import SETS, WHOLE, DataSet, files
-from benchmarks.detection.recordings import PHASES, Replayed, alarms, through_detector
-from benchmarks.detection.tables import rate, share, table
+from benchmarks.detection.recordings import (
+    PHASES,
+    Replayed,
+    alarms,
+    named_right,
+    no_losses,
+    random_losses,
+    through_detector,
+)
+from benchmarks.detection.tables import rate, table
 from ca_ros.studies.identify import report
 from ca_ros.vehicle.formats.edited_yaml import with_values
 from ca_ros.vehicle.formats.recording import read_recording
@@ -126,7 +135,7 @@ def flown(
     rows = [data.row(file) for file in others]
     jobs = [
         pool.submit(through_detector, flights[file], vehicle, data.throttle, 'flu',
-                    i if losses and row in SOUND else None)
+                    partial(random_losses, seed=i) if losses and row in SOUND else no_losses)
         for i, (file, row) in enumerate(zip(others, rows, strict=True))]
     found: dict[str, list[Replayed]] = {row: [] for row in sorted(set(rows))}
     for row, job in zip(rows, jobs, strict=True):
@@ -148,18 +157,12 @@ def in_the_air(found: dict[str, dict[str, list[Replayed]]]) -> str:
                            for each in flights)
             phases, hours = alarms(flights), sum(each.found.in_air for each in flights) / 3600.0
             taken = [each for flight in flights for each in flight.taken]
-            after = np.array([each.after for each in taken])
-            right = int(np.isfinite(after).sum())
-            times = [f'{1e3 * np.quantile(after, q, method="higher"):.0f}' for q in (0.5, 0.9)] \
-                if taken else []
             lines.append([
                 ', '.join(filter(None, [name, row])), str(len(flights)), f'{3600.0 * hours:.0f}',
                 str(landings),
                 *(str(phases[phase]) for phase in PHASES),
                 rate(sum(phases.values()), hours),
-                share(right, len(taken)) if taken else '',
-                str(sum(bool(each.named) for each in taken) - right) if taken else '',
-                ', '.join(times).replace('inf', 'never'),
+                *named_right(taken),
                 str(sum(bool(each.fault) for each in flights))])
     return table(
         ['set', 'flights', 'in the air [s]', 'landings', 'alarms: launch', 'flight', 'landing',
