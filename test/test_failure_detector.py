@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from ca_ros import Exact
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
@@ -731,6 +732,28 @@ def test_a_longest_lag_that_is_the_least_wrong_is_no_estimate():
         for each in (check, rotors):
             each.command(i * 10_000_000, command)
     assert check.total is None
+    assert check.fault == ''
+
+
+@pytest.mark.parametrize('damping', [0.0, 1.5])
+def test_a_vehicle_that_air_damps_shows_its_lag(damping):
+    check = LagCheck(HEXAROTOR, SETTINGS)
+    rng, rotors = np.random.default_rng(2), CommandedRotors(HEXAROTOR, SETTINGS)
+    wrenches, inertia = rotor_wrenches(HEXAROTOR)[3:], HEXAROTOR.inertia
+    allocator = Exact(HEXAROTOR)
+    omega, wanted = np.zeros(3), np.zeros(3)
+    for i in range(1200):
+        wanted = rng.normal(size=3) if i % 40 == 0 else wanted
+        if i:
+            torque = wrenches @ rotors.thrusts((i - 1) * 10_000_000, i * 10_000_000)
+            turned = torque - damping * inertia @ omega - np.cross(omega, inertia @ omega)
+            omega = omega + 0.01 * np.linalg.solve(inertia, turned)
+        check.observe(i * 10_000_000, omega + 0.01 * rng.normal(size=3), np.ones(6))
+        command = allocator.allocate([9.81, *6.0 * inertia @ (wanted - omega)]).speeds
+        for each in (check, rotors):
+            each.command(i * 10_000_000, command)
+    assert check.total == pytest.approx(
+        SETTINGS.motor_time_constant + SETTINGS.delay, abs=0.0051)
     assert check.fault == ''
 
 

@@ -16,6 +16,7 @@ WHITE = 0.01  # time after which the errors of a sample are new [s]
 ERROR_MAX = 10.0  # greatest error of an angular velocity that a lag explains [rad/s]
 CLEAR = 30.0  # lead of a lag in the logarithm of the likelihood, from which it counts
 GAIN = 0.5, 2.0  # bounds of the true torques over those that are predicted
+DAMPING = 2.0  # greatest rate at which air damps a rotation [1/s]
 EXPLAINED = 0.3  # least share of the variance that the best prediction explains
 LAUNCH = 2.0  # time after the ground in which the motion shows nothing [s]
 SHARE, LEAST, MOST = 0.5, 0.018, 0.04
@@ -27,8 +28,9 @@ class LagCheck:
     """Finds the lag with which the commands explain the motion best.
 
     For each candidate, the torques of the commanded rotors predict the angular velocity, and the
-    best gain for each axis, within bounds, is fitted with it; the lag with the least squares of
-    errors is the likeliest, the errors taken as white (output error method: Ljung, System
+    best gain and damping of each axis, within bounds, are fitted with it: without the damping by
+    air, a vehicle that is damped shows too short a lag.  The lag with the least squares of errors
+    is the likeliest, the errors taken as white (output error method: Ljung, System
     Identification, 1999, section 4.2).  It counts if it explains enough of what is measured: a
     vehicle that hardly moves would else show the lag that predicts nothing.  The longest candidate
     shows nothing either.  Only the sum of lag
@@ -41,9 +43,10 @@ class LagCheck:
         self._set, self._delay = settings.motor_time_constant, settings.delay
         self._rotors = CommandedRotors(vehicle, settings, LAGS[:, None])
         self._inertia = inertia_of(vehicle)
+        self._inverse = np.linalg.inv(self._inertia)
         self._time: int | None = None
-        self._predicted = self._slow = np.zeros((len(LAGS) + 1, 3))
-        self._squares, self._count = np.zeros((3, len(LAGS), 3)), 0.0
+        self._predicted = self._slow = np.zeros((len(LAGS) + 2, 3))
+        self._squares, self._count = np.zeros((6, len(LAGS), 3)), 0.0
         self._measured, self._flown, self._step = False, 0.0, 0.0
 
     @property
@@ -69,11 +72,16 @@ class LagCheck:
         )
 
     def _rests(self) -> Array:
-        """Return the sums of squares (C, k) that each candidate leaves, with its best gain."""
-        seen, both, predicted = self._squares
+        """Return the sums of squares (C, k) that each candidate leaves, with gain and damping."""
+        seen, both, predicted, damped, shared, damping = self._squares
         bounds = (1.0, 1.0) if self._measured else GAIN
-        gains = np.clip(both / np.maximum(predicted, 1e-12), *bounds)
-        return np.maximum(seen + gains * (gains * predicted - 2.0 * both), 0.0)
+        rates = damped * predicted - both * shared
+        rates = rates / np.maximum(damping * predicted - shared**2, 1e-12)
+        rates = np.clip(rates, 0.0, DAMPING)
+        gains = np.clip((both - rates * shared) / np.maximum(predicted, 1e-12), *bounds)
+        left = seen + gains * (gains * predicted - 2.0 * both)
+        left += rates * (rates * damping + 2.0 * gains * shared - 2.0 * damped)
+        return np.asarray(np.maximum(left, 0.0))
 
     def _costs(self) -> Array:
         """Return the negative logarithm of the likelihood of each candidate (C,)."""
@@ -99,20 +107,21 @@ class LagCheck:
         if last is not None and 0.0 < step < SLOW:
             thrusts = health * self._rotors.thrusts(last, time)
         if thrusts is None or not self._rotors.known:
-            self._predicted = np.tile(angular_velocity, (len(LAGS) + 1, 1))
+            self._predicted = np.tile(angular_velocity, (len(LAGS) + 2, 1))
             self._slow, self._flown = self._predicted, 0.0
             return
         self._flown += step
         turned = cross(angular_velocity, self._inertia @ angular_velocity)
         torques = thrusts @ self._rotors.wrenches[3:].T - turned
-        turned = self._predicted[1:] + step * np.linalg.solve(self._inertia, torques.T).T
-        # The first row is what is measured.
-        self._predicted = np.concatenate([angular_velocity[None], turned])
+        turned = self._predicted[2:] + step * torques @ self._inverse.T
+        damped = self._predicted[1] - step * angular_velocity
+        # The first row is what is measured, the second what a damping of 1/s adds.
+        self._predicted = np.concatenate([[angular_velocity, damped], turned])
         self._slow = self._slow + step / SLOW * (self._predicted - self._slow)
         quick = self._predicted - self._slow
         counts = not self._measured and self._flown > LAUNCH
-        if counts and (abs(quick[0] - quick[1:]) <= ERROR_MAX).all():
-            self._add(quick[:1], quick[1:])
+        if counts and (abs(quick[0] - quick[2:]) <= ERROR_MAX).all():
+            self._add(quick[:1], quick[2:], quick[1:2])
 
     def interrupt(self) -> None:
         """Take the next state as one that does not continue those before."""
@@ -121,17 +130,18 @@ class LagCheck:
     def measure(self, speeds: Array, health: Array) -> None:
         """Take measured rotor speeds (n,) [rad/s] at the time of the last state."""
         if not self._measured:
-            self._squares, self._count = np.zeros((3, len(LAGS), len(speeds))), 0.0
+            self._squares, self._count = np.zeros((6, len(LAGS), len(speeds))), 0.0
             self._measured = True
         if not self._rotors.known:
             return
         sound = health >= 1.0
-        self._add((sound * speeds)[None], sound * self._rotors.speeds)
+        self._add((sound * speeds)[None], sound * self._rotors.speeds, 0.0 * speeds[None])
 
-    def _add(self, measured: Array, predicted: Array) -> None:
-        """Add what is measured (1, k) and what each candidate predicts (C, k)."""
+    def _add(self, measured: Array, predicted: Array, damped: Array) -> None:
+        """Add what is measured, what damping adds (1, k), and what candidates predict (C, k)."""
         keep, weight = 1.0 - self._step / MEMORY, min(self._step / WHITE, 1.0)
         products = np.stack(np.broadcast_arrays(
-            measured**2, measured * predicted, predicted**2 * np.ones((len(LAGS), 1))))
+            measured**2, measured * predicted, predicted**2, measured * damped,
+            predicted * damped, damped**2))
         self._squares = keep * self._squares + weight * products
         self._count = keep * self._count + weight
