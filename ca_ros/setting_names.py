@@ -41,7 +41,8 @@ REMOVED = {
     'detector.false_alarms':
         'leave it out: each rotor is compared with a disturbance, and the noise is learnt',
     'detector.learning_time': 'leave it out: noise and disturbances are learnt over 2 s',
-    'detector.least_loss': 'leave it out: a rotor is named from a loss of 30 % of its thrust on',
+    'detector.least_loss':
+        'leave it out: a rotor can be named from a loss of 30 % of its thrust on',
     'detector.thrust_error': 'leave it out: it is 10 %',
     'detector.time_error': 'leave it out: it is 10 ms',
     'publish_pwm':

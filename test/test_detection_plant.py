@@ -272,7 +272,7 @@ def test_a_rotor_that_is_lost_within_a_push_is_named_soon_after_it(make):
 
 
 def test_alarms_are_counted_once_a_landing_and_once_a_push():
-    condition = Condition({**CALM, 'pushes': 20.0}, **NOTHING)
+    condition = Condition({**PUSHES, 'pushes': 20.0}, **NOTHING)
     truth, mission = condition.draw(MODEL, np.random.default_rng(0), 60.0)
     rows = Plant(MODEL, truth, mission, 0).fly(60.0)
     pushed = np.flatnonzero(rows['pushed'])
@@ -424,6 +424,17 @@ def test_numbers_that_cannot_be_are_refused(name, value, capsys):
     with pytest.raises(SystemExit, match='2'):
         main([f'--{name}', value])
     assert f'error: argument --{name}: ' in capsys.readouterr().err
+
+
+def test_what_cannot_be_flown_or_written_is_refused_in_one_line(tmp_path, capsys):
+    (tmp_path / 'file').touch()
+    nothing = ['--hours', '0.001', '--losses', '0']
+    for given, answer in (
+            (['--out', str(tmp_path)], 'nothing to fly: expected --losses, or --hours of '),
+            (['--out', str(tmp_path / 'file')], '[Errno 17] File exists')):
+        assert main([*nothing, *given]) == 1
+        [line] = capsys.readouterr().err.splitlines()
+        assert line.startswith(f'detection: {answer}')
 
 
 def test_a_setting_that_is_none_is_refused(capsys):

@@ -96,12 +96,13 @@ def in_wind(read, seconds=10.0):
     return said
 
 
-@pytest.mark.parametrize('angle', [0, 90, 180, 270])
+@pytest.mark.parametrize('angle', [0, 90, 135, 180, 270])
 def test_axes_that_are_turned_about_z_are_named_in_wind_and_never_else(angle):
     turned = rotation_matrix(np.array([0, 0, *np.sin(np.radians([angle / 2, 90 - angle / 2]))]))
     words = f'in axes turned about z by {angle} degrees'
     for name, said in in_wind(turned.T).items():
-        assert bool(angle) == any(said), name
+        # An eighth of a turn beside one that is known would be named as that one.
+        assert (angle in (90, 180, 270)) == any(said), name
         assert all(words in each for each in said if each), name
     # In hover they cannot be told from the right ones, also where the sensor has an offset.
     flight = Flight()

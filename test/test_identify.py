@@ -122,7 +122,7 @@ def test_a_gyro_that_is_frozen_is_said_and_judges_nothing(begin, tmp_path, capsy
     out, err = capsys.readouterr()
     assert f'flight.csv: gyro: does not change from {STEP * begin:.2f} s on' in err
     assert 'inf' not in out
-    assert 'delay: a part without motion judges nothing' in out
+    assert 'delay: a part of the flight does not show it' in out
     assert 'angular_velocity_noise: no ratio of the gyro is sure' in out
 
 

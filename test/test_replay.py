@@ -315,6 +315,11 @@ def test_what_cannot_be_replayed_is_refused(tmp_path, capsys):
         assert 'none.npz' in capsys.readouterr().err
     assert (tmp_path / 'old.png').read_bytes() == b'old'
     assert not (tmp_path / 'new.png').exists()
+    link = tmp_path / 'link.png'
+    link.symlink_to(tmp_path / 'new.png')
+    assert main(['replay', 'none.npz', 'hexarotor', '--figure', str(link)]) == 1
+    assert link.is_symlink()
+    assert not (tmp_path / 'new.png').exists()
 
 
 @pytest.mark.parametrize('spoil', [
@@ -341,7 +346,7 @@ def test_one_line_says_that_a_flight_is_damaged(name, content, tmp_path, capsys)
     given = tmp_path / name.removesuffix('/metadata.yaml')
     assert main(['replay', str(given), 'hexarotor_realistic']) == 1
     [line] = capsys.readouterr().err.splitlines()
-    assert line.startswith(f'ca_ros replay: {given}: damaged, or no flight: ')
+    assert line.startswith(f'ca_ros replay: {given}: cannot be read as a flight: ')
 
 
 @pytest.mark.parametrize('command', ['replay', 'identify'])

@@ -64,7 +64,7 @@ def _jobs(options: argparse.Namespace) -> list[tuple[Callable[[Any], Any], tuple
     most = max(flights, contacts, acting, after, losses, reallocated)
     if not options.publish and first + most > TUNING:
         raise CaRosError(f'seeds below {TUNING} are for trials: fly less')
-    flown = CAUSES if options.causes else options.conditions
+    flown = CAUSES if options.causes else dict.fromkeys(options.conditions)
     soon = [kind for kind in options.kinds if kind == 'total']
     if options.imu in ('alone', 'stopped') and reallocated + acting + after:
         raise CaRosError(
@@ -93,6 +93,9 @@ def run(options: argparse.Namespace, pool: ProcessPoolExecutor) -> Found:
     """Fly; return what was found by vehicle, condition and kind of failure."""
     found: Found = {}
     jobs = _jobs(options)
+    if not jobs:
+        raise CaRosError(
+            f'nothing to fly: expected --losses, or --hours of {DURATION:g} s or more')
     for i, (key, part) in enumerate(pool.map(call, *zip(*jobs, strict=True))):
         found[key] = found[key] + part if key in found else part
         if sys.stderr.isatty():
@@ -169,15 +172,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Fly and print the tables; return the exit code."""
     options, begin = parser_of_options().parse_args(argv), perf_counter()
     try:
+        options.out.mkdir(parents=True, exist_ok=True)
         with pool_of(options.jobs) as pool:
             found = run(options, pool)
-    except (CaRosError, ModuleNotFoundError) as error:
+    except (CaRosError, ModuleNotFoundError, OSError) as error:
         print(f'detection: {error}', file=sys.stderr)
         return 1
     first = PUBLISHED if options.publish else options.first
     text = '\n'.join(f'## {title}\n\n{table}' for title, table in tables_of(found))
     text += f'\nSeeds from {first} on; 95 % intervals; {perf_counter() - begin:.0f} s.\n'
-    options.out.mkdir(parents=True, exist_ok=True)
     (options.out / 'alarms.md').write_text(text, encoding='utf-8')
     with (options.out / 'names.csv').open('w', newline='', encoding='utf-8') as file:
         writer = csv.writer(file, lineterminator='\n')

@@ -24,7 +24,8 @@ SHARP = {
     'reach': 25.0, 'low': 5.0, 'high': 15.0, 'shortest': 2.0, 'longest': 5.0,
 }  # fmt: skip
 HOPS = {**CALM, 'speed': 2.0, 'low': 0.8, 'high': 1.6, 'period': 15.0}
-PUSHED = {'pushes': 60.0}  # one in each minute, of 0.3 m g if it is not set
+PUSHED = {'pushes': 60.0, 'briefest': 0.1, 'lasting': 1.0}
+"""A push in each minute, of 0.3 m g if it is not set, for 0.1 to 1 s."""
 PUSHES = {**CALM, **PUSHED}
 
 
@@ -120,6 +121,7 @@ FLOWN = {
         PUSHES, wind=(4.0, 8.0), lag=(0.2, 0.3), spread=(0.03, 0.05)),
     'aggressive pushes': Condition(
         {**SHARP, **PUSHED}, lag=(0.2, 0.35), spread=(0.05, 0.08)),
+    'long pushes': Condition({**PUSHES, 'briefest': 1.0, 'lasting': 3.0}),
 }
 """The conditions of the tables."""
 

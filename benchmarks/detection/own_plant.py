@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from benchmarks.detection.tables import share, table
+from ca_ros.arguments import positive
 from ca_ros.control.waypoint import Waypoint
 from ca_ros.errors import CaRosError
 from ca_ros.settings import flat
@@ -115,7 +116,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog='python -m benchmarks.detection.own_plant', description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--seeds', type=int, default=1, help='flights of each failure')
+    parser.add_argument('--seeds', type=positive(int), default=1, help='flights of each failure')
     print(run(map, parser.parse_args(argv).seeds))
     return 0
 

@@ -64,6 +64,7 @@ struct mission {
     double turn;                         /* greatest rate of the reference of yaw [rad/s] */
     double period;                       /* from a take-off to the next [s]; 0: no landings */
     double pushes, push;                 /* time between pushes [s], 0: none; force [N] */
+    double briefest, lasting;            /* the least and the greatest length of a push [s] */
     double failure, rotor, left;         /* kind; from 0; thrust that is left */
     double time;                         /* not before [s], with landings since a take-off */
 };
@@ -512,7 +513,7 @@ static void choose(struct plant *a) {
             a->push_at[i] = where < a->vehicle.n ? a->vehicle.position[where][i] : 0.0;
         }
         a->push_begin = t + uniform(a, 0.0, 0.8) * m->pushes;
-        a->push_end = a->push_begin + uniform(a, 0.1, 1.0);
+        a->push_end = a->push_begin + uniform(a, m->briefest, m->lasting);
         a->push_next = t + m->pushes;
     }
     if (m->period > 0.0) {

@@ -71,7 +71,8 @@ Truth = _structure(
 
 Mission = _structure(
     'Mission', 'speed', 'acceleration', 'tilt', 'ahead', 'stiffness', 'reach', 'low', 'high',
-    'shortest', 'longest', 'turn', 'period', 'pushes', 'push', 'failure', 'rotor', 'left', 'time')
+    'shortest', 'longest', 'turn', 'period', 'pushes', 'push', 'briefest',
+    'lasting', 'failure', 'rotor', 'left', 'time')
 
 
 def fill(structure: Any, **values: Any) -> Any:

@@ -9,6 +9,7 @@ from ca_ros.vehicle.plausibility import CLEARLY, FORCE_OFF, FORCE_WINDOW, IN_AIR
 from ca_ros.vehicle.state import rotation_matrix
 from ca_ros.vehicle.vehicle import Vehicle
 
+SURE = 4.0  # least ratio of what is off to what another reading leaves; eighth turns have 2.4
 WINDOWS = 2  # in a row with the same verdict, from which it counts
 READINGS = {'in g': G * np.eye(3), 'forward-right-down': np.diag(FRD)} | {
     f'in axes turned about z by {angle} degrees': np.array(
@@ -24,7 +25,7 @@ class ForceCheck:
     In windows the mean specific force is compared with what attitude and velocity of the states
     give, by the laws of motion, or, where no states come, with that of the commanded rotors in the
     air; with the tolerances of `ca_ros.vehicle.plausibility`.  It is wrong if it is off by more,
-    and another reading leaves less than 1 / `CLEARLY` of that; it is right again if that reading
+    and another reading leaves less than 1 / `SURE` of that; it is right again if that reading
     leaves more than `CLEARLY` times as much.  Axes that are turned about z show in wind or fast
     flight alone, never in hover.  Turns, falls and inverted flight are no faults.
     Without states, a crash may look like one: rotors are commanded to carry a vehicle that lies on
@@ -87,7 +88,7 @@ class ForceCheck:
             words: float(np.linalg.norm(matrix @ force - expected))
             for words, matrix in READINGS.items()}
         verdict = min(left, key=left.__getitem__)
-        if off <= max(FORCE_OFF, CLEARLY * left[verdict]):
+        if off <= max(FORCE_OFF, SURE * left[verdict]):
             if self._found and CLEARLY * off >= left[self._found]:
                 return
             verdict = ''

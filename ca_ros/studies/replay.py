@@ -96,13 +96,14 @@ def _check_figure(file: Path) -> None:
     if file.suffix[1:] not in FORMATS:
         raise ParameterError(f'--figure {file}: expected a name that ends with '
                              f'{", ".join(f".{form}" for form in FORMATS)}')
-    new = not file.exists()
     try:
+        new = not file.exists()
         file.open('ab').close()
     except OSError as error:
         raise ParameterError(f'--figure {message(error, file)}') from None
     if new:
-        file.unlink()
+        # Not a link that leads to it.
+        file.resolve().unlink()
 
 
 def settings_of(vehicle: str | Path) -> DetectorSettings:

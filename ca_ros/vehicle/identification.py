@@ -143,7 +143,7 @@ def identify(
         if quality < SURE_R2:
             fault = f'R^2 of {quality:.2f} on unseen parts'
             if quality == -np.inf:
-                fault = 'a part without motion judges nothing'
+                fault = 'a part of the flight does not show it'
         elif half > SURE_WIDTH * size:
             fault = f'interval of +-{100.0 * half / size:.0f} %'
         return Estimate(float(values[i]), float(low[i]), float(high[i]), unit, quality, fault)

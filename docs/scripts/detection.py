@@ -33,6 +33,7 @@ HOURS = 3.4  # of a vehicle and a condition, as published; the other plants go w
 RESULTS, PAGE = DOCS.parent / 'benchmarks' / 'detection' / 'results.md', DOCS / 'detection.md'
 OUT = DOCS.parent / 'out' / 'detection'
 MINUTES, LOSSES = 120, 100  # in rotorpy
+PUSHED = 'pushes in turbulence', 'aggressive pushes', 'long pushes'
 
 
 class NotHereError(Exception):
@@ -61,6 +62,16 @@ def by_sensors(found: Sequence[Found]) -> str:
     titles = ('vehicle', 'landings with an alarm', 'pushes with an alarm', 'aggressive, alarms',
               'arm right', 'wrong', 'median, 90 % [ms]', 'after a take-off')
     return tables.table(titles, rows)
+
+
+def by_pushes(found: Sequence[Found]) -> str:
+    """Return the table of pushes with an alarm, a condition a column."""
+    rows = []
+    for vehicle in VEHICLES:
+        counts = [each[vehicle, name, ''] for each, name in zip(found, PUSHED, strict=True)]
+        rows.append((f'`{vehicle}`', *(
+            tables.share(count.push_alarms, count.pushes) for count in counts)))
+    return tables.table(('vehicle', *(f'{name} [%]' for name in PUSHED)), rows)
 
 
 def without_states(found: Sequence[Found]) -> str:
@@ -129,11 +140,12 @@ PARTS = {
     'pooled': Part('--publish --losses 0 --hours 3.4 --conditions usual turbulence aggressive'),
     'landings': Part('--publish --losses 0 --hours 2.6 --conditions landings'),
     'pushes': Part('--publish --losses 0 --hours 15 --conditions pushes'),
-    'pushes_elsewhere': Part("--publish --losses 0 --hours 7.5 --conditions "
-                             "'pushes in turbulence' 'aggressive pushes'"),
+    'pushes_elsewhere': Part(
+        '--publish --losses 0 --hours 7.5',
+        tuple(f"--conditions '{name}'" for name in PUSHED), by_pushes),
     'latency': Part('--publish --losses 0 --hours 3 --conditions latency'),
     'total': Part('--publish --hours 0 --losses 400 --kinds total'),
-    'kinds': Part("--publish --hours 0 --losses 400 --kinds '50 %' fade stuck"),
+    'kinds': Part("--publish --hours 0 --losses 400 --kinds '50 %' '30 %' fade stuck"),
     'mujoco': Part('--publish --hours 0 --losses 0 --mujoco 1.3'),
     'imu': Part('--publish --hours 0.1 --losses 30 --kinds total --conditions landings aggressive '
                 'pushes', ('', '--imu', '--imu alone'), by_sensors),

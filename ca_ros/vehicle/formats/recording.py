@@ -108,7 +108,7 @@ def read_recording(file: str | Path, rotors: int, frame: str = 'flu') -> Recordi
     except Exception as error:
         # Damaged bytes raise whatever a parser meets, some of it in many lines or without words.
         first = str(error).partition('\n')[0] or type(error).__name__
-        raise ParameterError(f'{path}: damaged, or no flight: {first}') from None
+        raise ParameterError(f'{path}: cannot be read as a flight: {first}') from None
     try:
         recording = _streams(columns, rotors)
     except ParameterError as error:
