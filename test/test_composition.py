@@ -19,7 +19,7 @@ from ca_ros.nodes.controller import ControllerNode
 from ca_ros.nodes.executor import Executor
 from ca_ros.nodes.monitor import MonitorNode
 from ca_ros.nodes.simulator import SimulatorNode
-from ca_ros.nodes.topics import EFFECTORS, TOPICS
+from ca_ros.nodes.topics import BATTERY, EFFECTORS, IMU, TOPICS
 from ca_ros.process.processes import Deadline
 from ca_ros.settings import table as settings_of
 from ca_ros.testing import DEADLINE
@@ -149,7 +149,8 @@ def test_the_table_of_qos_is_that_of_the_nodes(graph, mode):
             table['offered'] |= dict.fromkeys(topics, offered)
             table['requested'] |= dict.fromkeys(topics, requested)
     assert table['offered'].keys() == (
-        {topic.name for topic in TOPICS} - {'/rosout', EFFECTORS.name, '~/markers'})
+        {topic.name for topic in TOPICS} - {'/rosout', EFFECTORS.name, '~/markers'}
+        | {IMU, BATTERY})
     seen = set()
     for node_class in (ControllerNode, AllocatorNode, SimulatorNode, MonitorNode):
         tilts = node_class in (AllocatorNode, SimulatorNode)
@@ -157,7 +158,10 @@ def test_the_table_of_qos_is_that_of_the_nodes(graph, mode):
         values = file_values(vehicle, kind=node_class.declared) | {'mode': mode}
         values |= {name: True for name in values if 'publish_' in name}
         if node_class is AllocatorNode:
-            values |= {'rotors.thrust_curve.pwm': [1000.0, 2000.0]}
+            values |= {'rotors.thrust_curve.pwm': [1000.0, 2000.0],
+                       'rotors.speed_max_per_volt': 20.0}
+        else:
+            values |= {name: [0.0, 0.0, 0.0] for name in values if name.endswith('imu_position')}
         node = node_class(
             context=graph.node.context, use_global_arguments=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()])
