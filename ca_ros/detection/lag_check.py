@@ -17,7 +17,7 @@ ERROR_MAX = 10.0  # greatest error of an angular velocity that a lag explains [r
 CLEAR = 30.0  # lead of a lag in the logarithm of the likelihood, from which it counts
 GAIN = 0.5, 2.0  # bounds of the true torques over those that are predicted
 DAMPING = 2.0  # greatest rate at which air damps a rotation [1/s]
-EXPLAINED = 0.3  # least share of the variance that the best prediction explains
+EXPLAINED = 0.7  # least share of the variance that the best prediction explains
 LAUNCH = 2.0  # time after the ground in which the motion shows nothing [s]
 SHARE, LEAST, MOST = 0.5, 0.018, 0.04
 """A set lag is warned of if it is off by more than this share of it, but at least and at most
