@@ -46,6 +46,7 @@ from benchmarks.detection.reallocation import AFTERWARDS, acting, fly_on
 from ca_ros.detection.detector_settings import DetectorSettings
 from ca_ros.detection.failure_detector import FailureDetector
 from ca_ros.detection.kernel_detector import make_detector
+from ca_ros.detection.lag_check import LagCheck
 from ca_ros.simulation.drag import Drag
 from ca_ros.simulation.rigid_body import RigidBody
 from ca_ros.studies.cases import Case
@@ -327,6 +328,22 @@ def test_what_rotors_do_in_a_gap_of_messages_explains_nothing(name, states):
     assert found[:same] == failing(slow, *kind, 'total', range(same))
     assert sum(each.arm for each in found) >= len(found) - 1
     assert not any(each.wrong or each.early for each in found)
+
+
+@pytest.mark.parametrize(('name', 'condition', 'seed'), [
+    ('octorotor', 'usual', 0), ('x8', 'usual', 0), ('octorotor', 'aggressive', 0)])
+def test_disturbances_are_not_taken_for_another_lag(name, condition, seed):
+    # One axis fits a lag of 10 ms by a third of its motion, where the lag is 40 or 60 ms.
+    setup = Setup.load(name)
+    rng = rng_of(seed, name, condition, 'lag')
+    truth, mission = FLOWN[condition].draw(setup.model, rng, 40.0)
+    rows = Plant(setup.model, truth, mission, seed).fly(40.0)
+    check = LagCheck(setup.vehicle, DetectorSettings(motor_time_constant=0.05, delay=0.01))
+    for time, rates, command in zip(
+            *(rows[each] for each in ('time', 'rates', 'command')), strict=True):
+        check.observe(int(time), rates, np.ones(setup.vehicle.n))
+        check.command(int(time), command[:setup.vehicle.n])
+    assert check.fault == ''
 
 
 def test_two_rotors_are_not_named_for_a_trim_that_is_not_known():
