@@ -20,7 +20,7 @@ from typing import NamedTuple
 import rclpy
 from pilot import HOLD, OFFBOARD, Pilot
 from rclpy.utilities import try_shutdown
-from sitl import Sitl
+from sitl import Sitl, parsed
 
 from ca_ros.testing.domain import claim
 
@@ -230,24 +230,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('scenarios', nargs='+', choices=SCENARIOS, metavar='SCENARIO',
                         help=', '.join(SCENARIOS))
-    parser.add_argument('--px4', type=Path, required=True, help="PX4's build folder")
     parser.add_argument('--agent', type=Path, default=shutil.which('MicroXRCEAgent'),
                         help='the executable of the agent')
     parser.add_argument('--interface', choices=('mode', 'offboard', 'setpoints'),
                         default='mode', help='as px4.interface')
     parser.add_argument('--hexarotor', action='store_true', help='fly the hexarotor')
     parser.add_argument('--repeat', type=int, default=1, help='flights of each scenario')
-    parser.add_argument('--speed', type=float, default=1.0, help='simulated seconds a second')
-    parser.add_argument('--nice', type=int, default=0, help='niceness of the processes')
-    parser.add_argument('--instance', type=int, default=0, help='number of this PX4')
     parser.add_argument('--first', type=int, default=1, help='number of the first flight')
     parser.add_argument('--px4-parameter', action='append', default=[], metavar='NAME=VALUE')
     parser.add_argument('--label', help='name of the flights, if not that of the interface')
-    parser.add_argument('--out', type=Path, default=Path('flights'), help='folder of the logs')
     parser.add_argument('--keep', type=Path, help="folder for PX4's files and all output")
-    options = parser.parse_args()
-    options.px4, options.out = options.px4.resolve(), options.out.resolve()
-    options.out.mkdir(parents=True, exist_ok=True)
+    options = parsed(parser, speed=1.0)
     failed = 0
     with claim() as domain:
         os.environ |= {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}

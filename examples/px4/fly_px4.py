@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from sitl import Sitl
+from sitl import Sitl, parsed
 
 HEIGHT = 4.0  # [m]
 METHODS = {'pseudo_inverse': 0, 'sequential_desaturation': 1}  # CA_METHOD
@@ -60,15 +60,8 @@ def fly(method: str, rotor: int, told: bool, to: Path, options: argparse.Namespa
 def main() -> None:
     """Fly with each method, each rotor, told of its loss or not."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--px4', type=Path, required=True, help="PX4's build folder")
     parser.add_argument('--repeat', type=int, default=1, help='flights of each kind')
-    parser.add_argument('--speed', type=float, default=5.0, help='simulated seconds a second')
-    parser.add_argument('--nice', type=int, default=0, help='niceness of PX4')
-    parser.add_argument('--instance', type=int, default=0, help='number of this PX4')
-    parser.add_argument('--out', type=Path, default=Path('flights'), help='folder of the logs')
-    options = parser.parse_args()
-    options.px4, options.out = options.px4.resolve(), options.out.resolve()
-    options.out.mkdir(parents=True, exist_ok=True)
+    options = parsed(parser, speed=5.0)
     for number in range(1, options.repeat + 1):
         for method in METHODS:
             for rotor in range(1, 7):

@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-from sitl import Sitl
+from sitl import Sitl, parsed
 
 os.environ['MAVLINK20'] = '1'
 from pymavlink import mavutil
@@ -198,18 +198,11 @@ def fly(to: Path, model: str, seed: int, options: argparse.Namespace) -> None:
 def main() -> None:
     """Fly the logs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--px4', type=Path, required=True, help="PX4's build folder")
     parser.add_argument('--model', choices=('hex', 'quadx'), default='hex')
     parser.add_argument('--logs', type=int, default=1, help='number of logs')
     parser.add_argument('--first', type=int, default=1, help='number and seed of the first log')
-    parser.add_argument('--speed', type=float, default=5.0, help='simulated seconds a second')
-    parser.add_argument('--nice', type=int, default=0, help='niceness of PX4')
-    parser.add_argument('--instance', type=int, default=0, help='number of this PX4')
     parser.add_argument('--px4-parameter', action='append', default=[], metavar='NAME=VALUE')
-    parser.add_argument('--out', type=Path, default=Path('flights'), help='folder of the logs')
-    options = parser.parse_args()
-    options.px4, options.out = options.px4.resolve(), options.out.resolve()
-    options.out.mkdir(parents=True, exist_ok=True)
+    options = parsed(parser, speed=5.0)
     for number in range(options.first, options.first + options.logs):
         name = f'{options.model}_{number}.ulg'
         fly(options.out / name, options.model, number, options)

@@ -1,5 +1,6 @@
 """PX4's simulator SIH, and other processes, in a folder of their own."""
 
+import argparse
 import os
 import shutil
 import signal
@@ -22,6 +23,23 @@ PARAMETERS = {
     'SDLOG_PROFILE': 1 | 1 << 4,  # default and high rate
 }
 """What a flight without a pilot's devices needs of PX4."""
+
+
+def parsed(parser: argparse.ArgumentParser, speed: float) -> argparse.Namespace:
+    """Return the command line, with the options of all flights; make the folder of the logs.
+
+    `speed`: default of ``--speed``
+    """
+    parser.add_argument('--px4', type=Path, required=True, help="PX4's build folder")
+    parser.add_argument(
+        '--speed', type=float, default=speed, help='simulated seconds a second')
+    parser.add_argument('--nice', type=int, default=0, help='niceness of the processes')
+    parser.add_argument('--instance', type=int, default=0, help='number of this PX4')
+    parser.add_argument('--out', type=Path, default=Path('flights'), help='folder of the logs')
+    options = parser.parse_args()
+    options.px4, options.out = options.px4.resolve(), options.out.resolve()
+    options.out.mkdir(parents=True, exist_ok=True)
+    return options
 
 
 class Sitl:
