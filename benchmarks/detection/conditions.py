@@ -117,10 +117,10 @@ FLOWN = {
     'landings': Condition(HOPS, wind=(0.0, 5.0), lag=(0.2, 0.3), spread=(0.03, 0.05)),
     'pushes': Condition(PUSHES),
     'latency': Condition(SHARP, lag=(0.2, 0.35), spread=(0.05, 0.08), delay=0.01, age=0.01),
-    'pushes in turbulence': Condition(
-        PUSHES, wind=(4.0, 8.0), lag=(0.2, 0.3), spread=(0.03, 0.05)),
-    'aggressive pushes': Condition(
-        {**SHARP, **PUSHED}, lag=(0.2, 0.35), spread=(0.05, 0.08)),
+}
+FLOWN |= {
+    'pushes in turbulence': replace(FLOWN['turbulence'], mission=PUSHES),
+    'aggressive pushes': replace(FLOWN['aggressive'], mission={**SHARP, **PUSHED}),
     'long pushes': Condition({**PUSHES, 'briefest': 1.0, 'lasting': 3.0}),
 }
 """The conditions of the tables."""

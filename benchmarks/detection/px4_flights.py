@@ -19,6 +19,7 @@ import numpy as np
 
 from benchmarks.detection.recordings import Replayed, named_right, through_detector
 from benchmarks.detection.tables import rate, table
+from ca_ros.arguments import positive
 from ca_ros.arrays import Array, BoolArray
 from ca_ros.detection.injected_loss import WAIT
 from ca_ros.detection.replay import Replay
@@ -96,8 +97,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     add('vehicle', type=Path)
     add('folders', type=Path, nargs='+', metavar='FOLDER')
     add('--throttle', choices=['linear', 'quadratic', 'curve'], default='linear')
-    add('--jobs', type=int, help='processes')
+    add('--jobs', type=positive(int), help='processes')
     options = parser.parse_args(argv)
+    for folder in options.folders:
+        if not any(folder.glob('*.ulg')):
+            parser.error(f'{folder}: expected a folder with logs (.ulg)')
     rows = []
     with ProcessPoolExecutor(options.jobs) as pool:
         for folder in options.folders:

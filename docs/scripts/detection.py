@@ -1,6 +1,6 @@
 """Fly the detector on every plant; fill benchmarks/detection/results.md and docs/detection.md.
 
-Less than what is published is a trial, of two minutes with ``--hours 0.05``: it flies seeds from 0
+Less than what is published is a trial (``--hours 0.05``, some minutes): it flies seeds from 0
 on, and writes copies of both pages to out/detection.  Tables of what cannot be flown here stay
 as they are; so do the sentences of both pages.
 """
